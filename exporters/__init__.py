@@ -1,0 +1,1 @@
+"""Writers of packings: one module a format, one row in `FORMATS`."""

@@ -1,0 +1,73 @@
+"""One family of errors, each also the built-in error that a caller would expect."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+
+class GrainsDEMError(Exception):
+    """Base of every error that grainsdem raises on purpose."""
+
+
+class InputError(GrainsDEMError, ValueError):
+    """A value is outside what is allowed; the message gives both."""
+
+
+class ShapeError(GrainsDEMError, ValueError):
+    """An array has the wrong shape, type or offsets; the message gives both."""
+
+
+class FileFormatError(GrainsDEMError, ValueError):
+    """A file is not what its name says, is damaged, or is of an unknown version."""
+
+
+class MissingFileError(GrainsDEMError, FileNotFoundError):
+    """A file that was to be read does not exist."""
+
+    def __str__(self) -> str:
+        return str(self.args[0]) if self.args else ""
+
+
+class WriteError(GrainsDEMError, OSError):
+    """A file could not be written; nothing was left behind."""
+
+    def __str__(self) -> str:
+        return str(self.args[0]) if self.args else ""
+
+
+class MissingPackageError(GrainsDEMError, ImportError):
+    """An optional package is needed; the message says how to install it."""
+
+
+class ValidationError(GrainsDEMError, RuntimeError):
+    """A packing failed a check of validation."""
+
+
+class UnstableError(GrainsDEMError, RuntimeError):
+    """A simulation went wrong and a smaller time step did not help.
+
+    Attributes
+    ----------
+    last_good : Any
+        The packing at the last state that passed the checks.
+    """
+
+    def __init__(self, message: str, last_good: Any = None) -> None:
+        super().__init__(message)
+        self.last_good = last_good
+
+
+def name_offenders(ids: Iterable[Any], *, most: int = 5) -> str:
+    """Return the first offenders as text, and how many more there are.
+
+    Examples
+    --------
+    >>> name_offenders([3, 8, 9, 12, 40, 41, 77])
+    '3, 8, 9, 12, 40 and 2 more'
+    """
+    listed = [str(i) for i in ids]
+    text = ", ".join(listed[:most])
+    return f"{text} and {len(listed) - most} more" if len(listed) > most else text

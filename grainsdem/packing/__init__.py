@@ -1,0 +1,8 @@
+"""Grains: carved from cells, shrunk to a porosity, rescaled to a size, shuffled, and who touches whom."""
+
+from grainsdem.packing.carve import carve
+from grainsdem.packing.contacts import contacts
+from grainsdem.packing.shrink import rescale, shrink
+from grainsdem.packing.shuffle import shuffle
+
+__all__ = ["carve", "contacts", "rescale", "shrink", "shuffle"]

@@ -1,0 +1,80 @@
+"""Halton's sequence: deterministic seeds that fill space evenly.
+
+References
+----------
+.. [1] J. H. Halton, "On the efficiency of certain quasi-random sequences of points in evaluating
+   multi-dimensional integrals", Numerische Mathematik 2 (1960) 84-90.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from grainsdem.errors import InputError
+from grainsdem.points.poisson import check_count, place
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from grainsdem.model import Domain
+
+
+def halton(
+    domain: Domain,
+    n: int,
+    *,
+    bases: tuple[int, int, int] = (2, 3, 5),
+    start: int = 1,
+    rng: np.random.Generator | int | None = None,
+) -> NDArray[np.float64]:
+    """Return ``n`` points of Halton's sequence in the domain.
+
+    Parameters
+    ----------
+    domain : Domain
+        Where the seeds lie.
+    n : int
+        Number of seeds, at least 1.
+    bases : tuple of int
+        One base for each axis, at least 2 and without a common factor; primes as a rule.
+    start : int
+        Index of the first point; 0 is the corner of the domain.
+    rng : numpy.random.Generator, int or None
+        Where given, shifts the whole sequence by one random vector, wrapping at the walls (Cranley and Patterson
+        1976), so that different seeds give different beds of the same evenness. Without it the points are Halton's
+        own.
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+        Positions [m]; in the mid-plane where the domain is planar.
+
+    Raises
+    ------
+    InputError
+        If ``n`` is below 1, ``start`` below 0, or the bases are not three coprime numbers above 1.
+    """
+    check_count(n)
+    if start < 0:
+        raise InputError(f"start must be 0 or more; got {start}")
+    if len(bases) != 3 or min(bases) < 2 or np.lcm.reduce(bases) != np.prod(bases):
+        raise InputError(f"bases must be three whole numbers above 1 without a common factor; got {tuple(bases)}")
+    index = np.arange(start, start + n, dtype=np.int64)
+    unit = np.stack([_radical_inverse(index, base) for base in bases], axis=1)
+    if rng is not None:
+        unit = np.mod(unit + np.random.default_rng(rng).random(3), 1.0)
+    return place(unit, domain)
+
+
+def _radical_inverse(index: NDArray[np.int64], base: int) -> NDArray[np.float64]:
+    """Mirror the digits of each index about the point: φ(Σ a_k bᵏ) = Σ a_k b^(−k−1)."""
+    result = np.zeros(len(index))
+    rest = index.copy()
+    weight = 1.0 / base
+    while rest.any():
+        rest, digit = np.divmod(rest, base)
+        result += digit * weight
+        weight /= base
+    return result

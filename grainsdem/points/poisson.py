@@ -1,0 +1,54 @@
+"""Poisson point process: seeds at random, independent of one another."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from grainsdem.errors import InputError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from grainsdem.model import Domain
+
+
+def poisson(domain: Domain, n: int, *, rng: np.random.Generator | int | None = None) -> NDArray[np.float64]:
+    """Return ``n`` seeds, independent and uniform in the domain (a binomial process: Poisson given its count).
+
+    Parameters
+    ----------
+    domain : Domain
+        Where the seeds lie.
+    n : int
+        Number of seeds, at least 1.
+    rng : numpy.random.Generator, int or None
+        Source of randomness, or a seed for one.
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+        Positions [m]; in the mid-plane where the domain is planar.
+
+    Raises
+    ------
+    InputError
+        If ``n`` is below 1.
+    """
+    check_count(n)
+    unit = np.random.default_rng(rng).random((n, 3))
+    return place(unit, domain)
+
+
+def check_count(n: int) -> None:
+    """Raise `InputError` unless ``n`` is a count of at least one."""
+    if n < 1:
+        raise InputError(f"the number of seeds must be 1 or more; got {n}")
+
+
+def place(unit: NDArray[np.float64], domain: Domain) -> NDArray[np.float64]:
+    """Return points of the unit cube, shape (n, 3), stretched to the domain; to its mid-plane where it is planar."""
+    if domain.is_planar:
+        unit = np.column_stack([unit[:, :2], np.full(len(unit), 0.5)])
+    return domain.lower + unit * domain.lengths
