@@ -1,0 +1,110 @@
+"""Triangles of the faces of polyhedra: each face a fan from one of its corners."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numba import njit, prange
+
+from grainsdem.ragged import offsets_from_counts
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from grainsdem.model import Polyhedra
+
+
+class Triangles(NamedTuple):
+    """Triangles of all polyhedra in flat arrays.
+
+    Parameters
+    ----------
+    indices : ndarray of int32, shape (n_triangles, 3)
+        Corners, counter-clockwise seen from outside, local to the polyhedron.
+    offsets : ndarray of int64, shape (n + 1,)
+        Triangles of polyhedron i are ``indices[offsets[i]:offsets[i + 1]]``.
+    """
+
+    indices: NDArray[np.int32]
+    offsets: NDArray[np.int64]
+
+
+def triangles(polyhedra: Polyhedra, *, apexes: NDArray[np.int64] | None = None) -> Triangles:
+    """Return the faces as triangles, in the order of the faces.
+
+    Parameters
+    ----------
+    polyhedra : Polyhedra
+        Polyhedra with convex faces.
+    apexes : ndarray of int64, shape (n_faces,), optional
+        Which corner of each face its fan starts from, counted within the face; the first by default.
+
+    Returns
+    -------
+    Triangles
+        A face of k corners gives k - 2 triangles. A closed polyhedron stays closed.
+    """
+    starts = polyhedra.face_vertex_offsets[:-1]
+    counts = np.diff(polyhedra.face_vertex_offsets)
+    first = offsets_from_counts(np.maximum(counts - 2, 0))
+    indices = np.empty((first[-1], 3), dtype=np.int32)
+    apex = np.zeros(counts.size, dtype=np.int64) if apexes is None else np.asarray(apexes, dtype=np.int64)
+    _fans(polyhedra.face_vertices, starts, counts, apex, first, indices)
+    return Triangles(indices, first[polyhedra.face_offsets])
+
+
+def best_apexes(polyhedra: Polyhedra) -> NDArray[np.int64]:
+    """Return, for every face, the corner whose fan has the largest smallest triangle, shape (n_faces,).
+
+    Notes
+    -----
+    A fan from the end of a row of collinear corners holds a triangle without area; one from elsewhere does not.
+    """
+    p = polyhedra
+    result = np.zeros(p.n_faces, dtype=np.int64)
+    _best_apexes(p.vertices, p.vertex_offsets, p.face_offsets, p.face_vertices, p.face_vertex_offsets, result)
+    return result
+
+
+@njit(cache=True, parallel=True)
+def _fans(corners, starts, counts, apexes, first, indices):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    for f in prange(starts.size):
+        c0, k, a = starts[f], counts[f], apexes[f]
+        for t in range(k - 2):
+            row = first[f] + t
+            indices[row, 0] = corners[c0 + a]
+            indices[row, 1] = corners[c0 + (a + t + 1) % k]
+            indices[row, 2] = corners[c0 + (a + t + 2) % k]
+
+
+@njit(cache=True, parallel=True)
+def _best_apexes(vertices, vertex_offsets, face_offsets, corners, corner_offsets, result):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    for i in prange(vertex_offsets.size - 1):
+        v0 = vertex_offsets[i]
+        for f in range(face_offsets[i], face_offsets[i + 1]):
+            c0 = corner_offsets[f]
+            k = corner_offsets[f + 1] - c0
+            best = -1.0
+            for apex in range(k):
+                a = v0 + corners[c0 + apex]
+                smallest = np.inf
+                for t in range(k - 2):
+                    b = v0 + corners[c0 + (apex + t + 1) % k]
+                    d = v0 + corners[c0 + (apex + t + 2) % k]
+                    ux, uy, uz = (
+                        vertices[b, 0] - vertices[a, 0],
+                        vertices[b, 1] - vertices[a, 1],
+                        vertices[b, 2] - vertices[a, 2],
+                    )
+                    wx, wy, wz = (
+                        vertices[d, 0] - vertices[a, 0],
+                        vertices[d, 1] - vertices[a, 1],
+                        vertices[d, 2] - vertices[a, 2],
+                    )
+                    x, y, z = uy * wz - uz * wy, uz * wx - ux * wz, ux * wy - uy * wx
+                    smallest = min(smallest, x * x + y * y + z * z)
+                # Of corners that are equal within rounding the first wins: a square's fan must not hang on a last bit.
+                if best < 0.0 or smallest > best * (1.0 + 1e-9):
+                    best = smallest
+                    result[f] = apex
