@@ -59,7 +59,7 @@ def best_apexes(polyhedra: Polyhedra) -> NDArray[np.int64]:
 
     Notes
     -----
-    A fan from the end of a row of collinear corners holds a triangle without area; one from elsewhere does not.
+    A fan from the end of a row of collinear corners holds a triangle without area; another does not.
     """
     p = polyhedra
     result = np.zeros(p.n_faces, dtype=np.int64)
@@ -104,7 +104,7 @@ def _best_apexes(vertices, vertex_offsets, face_offsets, corners, corner_offsets
                     )
                     x, y, z = uy * wz - uz * wy, uz * wx - ux * wz, ux * wy - uy * wx
                     smallest = min(smallest, x * x + y * y + z * z)
-                # Of corners that are equal within rounding the first wins: a square's fan must not hang on a last bit.
+                # Of corners equal within rounding the first wins: a square's fan must not hang on a bit.
                 if best < 0.0 or smallest > best * (1.0 + 1e-9):
                     best = smallest
                     result[f] = apex
