@@ -1,0 +1,78 @@
+"""What every writer asks of a packing and of a name before it begins."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from grainsdem.errors import InputError, name_offenders
+from grainsdem.geometry.integrals import Integrals, integrate
+from grainsdem.ragged import owners
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from grainsdem.model import Packing
+
+
+def measured(packing: Packing) -> Integrals:
+    """Return the integrals of the grains of a packing that can be written.
+
+    Raises
+    ------
+    InputError
+        If there is no grain, a number is not finite, a density is not positive, a quaternion is not of unit length,
+        or a grain has no positive volume (its faces are wound inward, or it is flat).
+    """
+    if len(packing) == 0:
+        raise InputError("a packing to be written must hold at least one grain; got 0")
+    _refuse_not_finite(packing)
+    norms = np.linalg.norm(packing.quaternions, axis=1)
+    # 1e-6: a quaternion kept in single precision is let through; every program makes it one again.
+    refuse("the quaternions of grains must be of unit length", np.abs(norms - 1.0) > 1e-6)
+    refuse("the densities of grains must be positive", packing.densities <= 0)
+    integrals = integrate(packing.grains)
+    refuse("grains must have positive volume, their faces wound outward", integrals.volumes <= 0)
+    return integrals
+
+
+def grain_names(packing: Packing) -> list[str]:
+    """Return the names of the grains, in order: g000000, g000001, …"""
+    return [f"g{i:06d}" for i in range(len(packing))]
+
+
+def check_positive(name: str, value: float, *, or_zero: bool = False) -> None:
+    """Raise `InputError` unless ``value`` is a finite number above zero (or zero)."""
+    if not (math.isfinite(value) and (value > 0 or (or_zero and value == 0))):
+        raise InputError(
+            f"{name} must be {'zero or more' if or_zero else 'positive'} and finite; got {value}"
+        )
+
+
+def check_name(name: str) -> None:
+    """Raise `InputError` unless ``name`` can be the name of a file without its suffix."""
+    if not name or not name.isprintable() or any(sign in name for sign in "/\\"):
+        raise InputError(f"name must be the name of a file without folder and suffix; got {name!r}")
+
+
+def check_choice(name: str, value: str, allowed: Iterable[str]) -> None:
+    """Raise `InputError` unless ``value`` is one of ``allowed``."""
+    if value not in allowed:
+        raise InputError(f"{name} must be one of {', '.join(allowed)}; got {value!r}")
+
+
+def _refuse_not_finite(packing: Packing) -> None:
+    """Raise `InputError` where a coordinate, pose or density is not finite."""
+    bad = ~np.isfinite(packing.positions).all(axis=1)
+    bad |= ~np.isfinite(packing.quaternions).all(axis=1)
+    bad |= ~np.isfinite(packing.densities)
+    bad[owners(packing.grains.vertex_offsets)[~np.isfinite(packing.grains.vertices).all(axis=1)]] = True
+    refuse("the vertices, positions, quaternions and densities of grains must be finite", bad)
+
+
+def refuse(rule: str, bad: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> None:
+    """Raise `InputError` with the rule and the first grains that break it."""
+    if bad.any():
+        raise InputError(f"{rule}; not so: {name_offenders(np.flatnonzero(bad))}")
