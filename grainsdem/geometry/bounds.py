@@ -1,0 +1,275 @@
+"""Boxes around grains, and the pairs of boxes that are near one another: a grid walked in linear time.
+
+Every box is entered into all grid cells that it covers, so that grains of very different sizes share one grid:
+a large grain covers many cells, but large grains are few. A pair is taken only in the one cell that holds the
+lower corner of the boxes' intersection, so no pair is found twice, whatever the number of threads.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numba import njit, prange
+
+from grainsdem.errors import InputError, ShapeError, name_offenders
+from grainsdem.geometry.rotations import world_vertices
+from grainsdem.ragged import offsets_from_counts, owners
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from grainsdem.model import Packing
+
+    Floats = NDArray[np.float64]
+
+MOST_CELLS_A_BOX = 64
+"""The grid is coarsened until boxes cover fewer cells than this on average."""
+
+
+def boxes(packing: Packing) -> tuple[Floats, Floats]:
+    """Return the axis-aligned box of every grain in the world.
+
+    Returns
+    -------
+    lower, upper : ndarray, shape (n, 3)
+        Corners [m]; a grain without vertices has the box of its position alone.
+    """
+    grains = packing.grains
+    lower = packing.positions.copy()
+    upper = packing.positions.copy()
+    filled = np.flatnonzero(np.diff(grains.vertex_offsets))
+    if filled.size:
+        vertices = world_vertices(packing)
+        starts = grains.vertex_offsets[:-1][filled]
+        lower[filled] = np.minimum.reduceat(vertices, starts, axis=0)
+        upper[filled] = np.maximum.reduceat(vertices, starts, axis=0)
+    return lower, upper
+
+
+def near_pairs(lower: Floats, upper: Floats, within: float = 0.0) -> NDArray[np.int32]:
+    """Return the pairs of boxes that are no farther apart than ``within``.
+
+    Parameters
+    ----------
+    lower, upper : ndarray, shape (n, 3)
+        Corners of the boxes [m].
+    within : float
+        Largest distance [m] between two boxes of a pair; at zero, boxes that touch or overlap.
+
+    Returns
+    -------
+    ndarray of int32, shape (m, 2)
+        Pairs i < j, sorted.
+
+    Raises
+    ------
+    ShapeError
+        If the corners are not two arrays of the same shape (n, 3).
+    InputError
+        If a corner is not finite, an upper corner lies below its lower one, or ``within`` is negative.
+    """
+    lower = np.ascontiguousarray(lower, dtype=np.float64)
+    upper = np.ascontiguousarray(upper, dtype=np.float64)
+    if lower.ndim != 2 or lower.shape[1] != 3 or lower.shape != upper.shape:
+        raise ShapeError(f"boxes must be two arrays of shape (n, 3); got {lower.shape} and {upper.shape}")
+    if not (np.isfinite(within) and within >= 0):
+        raise InputError(f"within must be zero or more and finite; got {within}")
+    bad = np.flatnonzero(~(np.isfinite(lower) & np.isfinite(upper) & (lower <= upper)).all(axis=1))
+    if bad.size:
+        raise InputError(f"boxes must be finite and run upward; {bad.size} do not: {name_offenders(bad)}")
+    n = len(lower)
+    if n < 2:
+        return np.empty((0, 2), dtype=np.int32)
+    first, last = _cover(lower, upper, within)
+    bucket_starts, entries = _fill(first, last, _bucket_bits(first, last))
+    counts = np.zeros(n, dtype=np.int64)
+    nothing = np.empty(0, dtype=np.int32)
+    arguments = (lower, upper, within, first, last, bucket_starts, entries)
+    _match(*arguments, counts, np.empty(0, dtype=np.int64), nothing)
+    offsets = offsets_from_counts(counts)
+    partners = np.empty(offsets[-1], dtype=np.int32)
+    _match(*arguments, counts, offsets, partners)
+    return np.stack([owners(offsets).astype(np.int32), partners], axis=1)
+
+
+class Images(NamedTuple):
+    """Pairs of grains, each with the periodic image of the second that is meant.
+
+    Parameters
+    ----------
+    pairs : ndarray of int32, shape (m, 2)
+        Grain ids i <= j, sorted.
+    shifts : ndarray of int32, shape (m, 3)
+        Image of j, in whole domain lengths; zeros without periodic axes.
+    """
+
+    pairs: NDArray[np.int32]
+    shifts: NDArray[np.int32]
+
+
+def near_images(packing: Packing, within: float = 0.0, *, grains: NDArray[np.int64] | None = None) -> Images:
+    """Return the pairs of grains whose boxes are within a distance, across periodic boundaries too.
+
+    Parameters
+    ----------
+    packing : Packing
+        Any packing.
+    within : float
+        Largest distance [m] between the boxes.
+    grains : ndarray of int64, shape (k,), optional
+        Which grains are looked at; all by default.
+
+    Returns
+    -------
+    Images
+        Each pair once for each image that is near; a grain meets itself where the domain is small.
+    """
+    chosen = np.arange(len(packing)) if grains is None else grains
+    lower, upper = boxes(packing)
+    # Corners were rounded: moved outward by a few units in the last place, the boxes are certain again.
+    margin = 4 * np.finfo(float).eps * np.maximum(np.abs(lower), np.abs(upper)) + 4 * np.finfo(float).tiny
+    lower, upper = (lower - margin)[chosen], (upper + margin)[chosen]
+    if not packing.domain.periodic.any():
+        pairs = chosen.astype(np.int32)[near_pairs(lower, upper, within)]
+        return Images(pairs.reshape(-1, 2), np.zeros((len(pairs), 3), dtype=np.int32))
+    return _wrapped(packing, lower, upper, within, chosen)
+
+
+def _wrapped(
+    packing: Packing, lower: Floats, upper: Floats, within: float, chosen: NDArray[np.int64]
+) -> Images:
+    """Find pairs among the boxes moved into the domain and the images of those that reach over its edge."""
+    domain = packing.domain
+    period = np.where(domain.periodic, domain.lengths, np.inf)
+    home = np.where(domain.periodic, np.floor((0.5 * (lower + upper) - domain.lower) / domain.lengths), 0.0)
+    span = np.where(home == 0, 0.0, home * domain.lengths)
+    lower, upper = lower - span, upper - span
+    # A box reaches farther than half of itself from the domain; so may the one that it meets.
+    reach = (upper - lower).max(axis=0, initial=0.0) + within
+    rings = np.where(domain.periodic, np.ceil(reach / period), 0).astype(int)
+    ids, moves = [np.arange(len(lower))], [np.zeros((len(lower), 3), dtype=np.int64)]
+    for step in np.ndindex(*(2 * rings + 1)):
+        move = np.asarray(step) - rings
+        if not move.any():
+            continue
+        offset = move * np.where(domain.periodic, domain.lengths, 0.0)
+        near = (upper + offset >= domain.lower - reach) & (lower + offset <= domain.upper + reach)
+        found = np.flatnonzero((near | ~domain.periodic).all(axis=1))
+        ids.append(found)
+        moves.append(np.broadcast_to(move, (found.size, 3)))
+    image, move = np.concatenate(ids), np.concatenate(moves)
+    offset = move * np.where(domain.periodic, domain.lengths, 0.0)
+    pairs = near_pairs(lower[image] + offset, upper[image] + offset, within)
+    pairs = pairs[pairs[:, 0] < len(lower)]  # one of the two at home: every pair has such a copy
+    i, j = image[pairs[:, 0]], image[pairs[:, 1]]
+    shifts = move[pairs[:, 1]] - home[j].astype(np.int64) + home[i].astype(np.int64)
+    return _once(chosen[i], chosen[j], shifts)
+
+
+def _once(i: NDArray[np.int64], j: NDArray[np.int64], shifts: NDArray[np.int64]) -> Images:
+    """Turn every pair to i <= j and keep one of each, sorted."""
+    # (j, i) at the opposite shift is the same contact; a grain and itself are turned by the shift's sign.
+    leading = shifts[np.arange(len(shifts)), np.argmax(shifts != 0, axis=1)] if len(shifts) else np.empty(0)
+    turn = (i > j) | ((i == j) & (leading < 0))
+    rows = np.column_stack(
+        [np.where(turn, j, i), np.where(turn, i, j), np.where(turn[:, None], -shifts, shifts)]
+    )
+    rows = np.unique(rows, axis=0)
+    return Images(rows[:, :2].astype(np.int32), rows[:, 2:].astype(np.int32))
+
+
+def _cover(lower: Floats, upper: Floats, within: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the first and last grid cell of each box, widened by half of ``within``."""
+    origin = lower.min(axis=0) - within
+    extent = upper - lower + within
+    size = float(np.median(extent.max(axis=1)))
+    span = float((upper.max(axis=0) - origin).max()) + within
+    # 2**40 cells along an axis at most: their numbers stay exact in a float.
+    size = max(size, span / 2**40, np.finfo(float).tiny)
+    while True:
+        first = np.floor((lower - 0.5 * within - origin) / size).astype(np.int64)
+        last = np.floor((upper + 0.5 * within - origin) / size).astype(np.int64)
+        if float(np.prod((last - first + 1).astype(float), axis=1).mean()) <= MOST_CELLS_A_BOX:
+            return first, last
+        size *= 2.0
+
+
+def _bucket_bits(first: NDArray[np.int64], last: NDArray[np.int64]) -> int:
+    """Return the logarithm of a table about as long as it has entries."""
+    return int(np.prod(last - first + 1, axis=1).sum()).bit_length()
+
+
+@njit(cache=True, inline="always")
+def _bucket(x, y, z, bits):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Scatter a cell over the table: the grid need not be stored, however empty it is."""
+    key = np.uint64(x) * np.uint64(0x9E3779B97F4A7C15)
+    key = (key ^ (key >> np.uint64(29)) ^ np.uint64(y)) * np.uint64(0xBF58476D1CE4E5B9)
+    key = (key ^ (key >> np.uint64(32)) ^ np.uint64(z)) * np.uint64(0x94D049BB133111EB)
+    return np.int64((key ^ (key >> np.uint64(31))) >> np.uint64(64 - bits))
+
+
+@njit(cache=True)
+def _fill(first, last, bits):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Enter each box once into every bucket that one of its cells falls in."""
+    starts = np.zeros((1 << bits) + 1, dtype=np.int64)
+    latest = np.full(1 << bits, -1, dtype=np.int32)
+    for i in range(len(first)):
+        for x in range(first[i, 0], last[i, 0] + 1):
+            for y in range(first[i, 1], last[i, 1] + 1):
+                for z in range(first[i, 2], last[i, 2] + 1):
+                    b = _bucket(x, y, z, bits)
+                    if latest[b] != i:
+                        latest[b] = i
+                        starts[b + 1] += 1
+    for b in range(1 << bits):
+        starts[b + 1] += starts[b]
+    entries = np.empty(starts[-1], dtype=np.int32)
+    place = starts[:-1].copy()
+    latest[:] = -1
+    for i in range(len(first)):
+        for x in range(first[i, 0], last[i, 0] + 1):
+            for y in range(first[i, 1], last[i, 1] + 1):
+                for z in range(first[i, 2], last[i, 2] + 1):
+                    b = _bucket(x, y, z, bits)
+                    if latest[b] != i:
+                        latest[b] = i
+                        entries[place[b]] = i
+                        place[b] += 1
+    return starts, entries
+
+
+@njit(cache=True, parallel=True)
+def _match(lower, upper, within, first, last, starts, entries, counts, offsets, partners):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Count the partners j > i of each box; with ``offsets`` given, write them in rising order instead."""
+    bits = 0
+    while (1 << bits) < starts.size - 1:
+        bits += 1
+    writing = offsets.size > 0
+    for i in prange(len(lower)):
+        found = 0
+        base = offsets[i] if writing else 0
+        for x in range(first[i, 0], last[i, 0] + 1):
+            for y in range(first[i, 1], last[i, 1] + 1):
+                for z in range(first[i, 2], last[i, 2] + 1):
+                    b = _bucket(x, y, z, bits)
+                    for e in range(starts[b], starts[b + 1]):
+                        j = entries[e]
+                        # The cell of the intersection's lower corner; other cells of the same bucket fail here.
+                        if j <= i or x != max(first[i, 0], first[j, 0]) or y != max(first[i, 1], first[j, 1]):
+                            continue
+                        if z != max(first[i, 2], first[j, 2]):
+                            continue
+                        square = 0.0
+                        for k in range(3):
+                            apart = max(lower[i, k] - upper[j, k], lower[j, k] - upper[i, k], 0.0)
+                            square += apart * apart
+                        if square > within * within:
+                            continue
+                        if writing:
+                            partners[base + found] = j
+                        found += 1
+        if writing:
+            partners[base : base + found].sort()
+        else:
+            counts[i] = found
