@@ -1,0 +1,86 @@
+"""How large grains are: equal-volume diameters, masses, and percentiles of any of them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from grainsdem.errors import InputError, ShapeError
+from grainsdem.geometry.integrals import volumes
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from grainsdem.model import Packing, Polyhedra
+
+
+def diameters(grains: Polyhedra) -> NDArray[np.float64]:
+    """Return the diameter [m] of the sphere of each grain's volume, (6 V / π)^(1/3), shape (n,)."""
+    return np.cbrt(6 * volumes(grains) / np.pi)
+
+
+def masses(packing: Packing) -> NDArray[np.float64]:
+    """Return the mass [kg] of each grain, density times exact volume, shape (n,)."""
+    return packing.densities * volumes(packing.grains)
+
+
+def percentiles(values: ArrayLike, q: ArrayLike, *, weights: ArrayLike | None = None) -> NDArray[np.float64]:
+    """Return the values below which the given percentages lie, by number or by weight.
+
+    Parameters
+    ----------
+    values : array_like, shape (n,)
+        One value a grain, diameters as a rule.
+    q : array_like, shape (...)
+        Percentages in [0, 100]: 10, 50 and 90 give d10, d50 and d90.
+    weights : array_like, shape (n,)
+        What each grain counts for, zero or more: its mass gives what sieves give. Without it each counts for
+        one.
+
+    Returns
+    -------
+    ndarray, shape (...)
+        Values in the units of ``values``.
+
+    Raises
+    ------
+    ShapeError
+        If ``values`` is not one-dimensional, or there is not one weight a value.
+    InputError
+        If there is no value, one is not finite, a percentage is out of range, or the weights are negative,
+        not finite or sum to zero.
+
+    Notes
+    -----
+    With the values sorted and W_k the running sum of their weights w_k, value k stands at the percentage
+    100 (W_k - w_k / 2) / W_n, half of it lying below itself; between two values it is interpolated linearly,
+    and beyond the first and last it is theirs. With equal weights this is Hazen's definition.
+
+    Examples
+    --------
+    >>> percentiles([1.0, 2.0, 3.0], 50)
+    array(2.)
+    >>> percentiles([1.0, 2.0], [25, 50], weights=[1.0, 3.0])
+    array([1.25, 1.75])
+    """
+    x = np.asarray(values, dtype=np.float64)
+    w = np.ones(x.shape) if weights is None else np.asarray(weights, dtype=np.float64)
+    percentages = np.asarray(q, dtype=np.float64)
+    if x.ndim != 1 or w.shape != x.shape:
+        raise ShapeError(f"values and weights must have the same shape (n,); got {x.shape} and {w.shape}")
+    if x.size == 0:
+        raise InputError("percentiles need at least one value; got none")
+    if not np.isfinite(x).all():
+        raise InputError(f"values must be finite; {int((~np.isfinite(x)).sum())} of {x.size} are not")
+    if not (np.isfinite(w).all() and (w >= 0).all() and w.sum() > 0):
+        raise InputError(
+            f"weights must be finite, zero or more, and not all zero; the least is {float(w.min())}"
+        )
+    if not ((percentages >= 0) & (percentages <= 100)).all():
+        raise InputError(f"percentages must lie in [0, 100]; got {percentages.tolist()}")
+    order = np.argsort(x, kind="stable")
+    order = order[w[order] > 0]  # a grain that counts for nothing must not bend the curve
+    x, w = x[order], w[order]
+    running = np.cumsum(w)
+    return np.asarray(np.interp(percentages, 100 * (running - 0.5 * w) / running[-1], x))
