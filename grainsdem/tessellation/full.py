@@ -1,0 +1,299 @@
+"""The full pass: every cell as a polyhedron with ordered faces and neighbours, in flat arrays."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numba import njit, prange
+
+from grainsdem.errors import GrainsDEMError, name_offenders
+from grainsdem.ragged import offsets_from_counts
+from grainsdem.tessellation.clipping import CUT, EMPTY, FULL
+from grainsdem.tessellation.growing import grow
+from grainsdem.tessellation.light import CHUNK, SIZE, work_arrays
+from grainsdem.tessellation.merging import has_short_edge, merge
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from grainsdem.tessellation.frame import Frame
+    from grainsdem.tessellation.tree import Tree
+
+BROKEN = 4
+"""Status of a cell that does not obey V − E + F = 2."""
+
+ROOM = (36, 22, 108)
+"""Vertices, faces and corners a cell that the first buffers hold; the mean of a Poisson cell is 27, 16 and 81."""
+
+
+class _Batch(NamedTuple):
+    """Cells as one pass left them: buffers with gaps, and where each cell's part starts and how long it is."""
+
+    vertices: NDArray[np.float64]
+    counts: NDArray[np.int32]
+    ids: NDArray[np.int32]
+    codes: NDArray[np.int8]
+    corners: NDArray[np.int32]
+    spans: NDArray[np.int64]
+
+
+class Cells(NamedTuple):
+    """Cells in the order of their seeds; see `grainsdem.model.Polyhedra` and `Tessellation`."""
+
+    vertices: NDArray[np.float64]
+    vertex_offsets: NDArray[np.int64]
+    face_offsets: NDArray[np.int64]
+    corners: NDArray[np.int32]
+    corner_offsets: NDArray[np.int64]
+    neighbors: NDArray[np.int32]
+    shifts: NDArray[np.int8]
+
+
+@njit(cache=True)
+def _emit(work, n_tri, n_planes, tolerance, vertices, counts, ids, codes, corners):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Write one cell into the buffers; return status and the numbers of vertices, faces and corners."""
+    geo, tri, _, tags, _ = work
+    if n_tri > len(vertices) or n_tri // 2 + 2 > len(counts) or 3 * n_tri > len(corners):
+        return FULL, 0, 0, 0
+    for p in range(n_planes):
+        tags[2, p] = -1
+    for t in range(n_tri):
+        for axis in range(3):
+            vertices[t, axis] = geo[axis, t]
+            tags[2, tri[axis, t]] = t
+    n_faces = n_corners = 0
+    for p in range(n_planes):
+        first = tags[2, p]
+        if first < 0:
+            continue
+        start = n_corners
+        t = first
+        while True:
+            corners[n_corners] = t
+            n_corners += 1
+            k = 0 if tri[0, t] == p else (1 if tri[1, t] == p else 2)
+            t = tri[3 + (k + 2) % 3, t]
+            if t == first:
+                break
+        counts[n_faces] = n_corners - start
+        ids[n_faces] = tags[0, p]
+        codes[n_faces] = tags[1, p]
+        n_faces += 1
+    n_vertices = n_tri
+    if has_short_edge(vertices, corners, counts, n_faces, tolerance):
+        n_vertices, n_faces, n_corners = merge(
+            vertices, corners, counts, ids, codes, n_vertices, n_faces, tolerance, tri[7:10]
+        )
+    if n_faces == 0:
+        return EMPTY, 0, 0, 0
+    if 2 * (n_vertices + n_faces - 2) != n_corners:
+        return BROKEN, 0, 0, 0
+    return CUT, n_vertices, n_faces, n_corners
+
+
+@njit(cache=True, parallel=True)
+def _grow_cells(tree, frame, places, bans, ban_offsets, size, chunk, room, batch, status, tolerance):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    vertices, counts, ids, codes, corners, spans = batch
+    for b in prange((len(places) + chunk - 1) // chunk):
+        work = work_arrays(size)
+        v, v_end = b * chunk * room[0], (b + 1) * chunk * room[0]
+        f, f_end = b * chunk * room[1], (b + 1) * chunk * room[1]
+        c, c_end = b * chunk * room[2], (b + 1) * chunk * room[2]
+        for at in range(b * chunk, min((b + 1) * chunk, len(places))):
+            banned = bans[ban_offsets[at] : ban_offsets[at + 1]]
+            code, n_tri, n_planes = grow(places[at], tree, frame, banned, work)
+            n_v = n_f = n_c = 0
+            if code == CUT:
+                code, n_v, n_f, n_c = _emit(
+                    work, n_tri, n_planes, tolerance,
+                    vertices[v:v_end], counts[f:f_end], ids[f:f_end], codes[f:f_end], corners[c:c_end],
+                )  # fmt: skip
+            spans[at, 0], spans[at, 1] = v, n_v
+            spans[at, 2], spans[at, 3] = f, n_f
+            spans[at, 4], spans[at, 5] = c, n_c
+            status[at] = code
+            v += n_v
+            f += n_f
+            c += n_c
+
+
+@njit(cache=True, parallel=True)
+def _copy_cells(rows, seeds, scale, batch, cells):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Copy the cells in ``rows`` of a batch to their places in the final arrays."""
+    vertices, counts, ids, codes, corners, spans = batch
+    (
+        out_vertices,
+        vertex_offsets,
+        face_offsets,
+        out_corners,
+        corner_offsets,
+        neighbors,
+        shifts,
+        corner_starts,
+    ) = cells
+    for at in prange(len(rows)):
+        row = rows[at]
+        i = seeds[at]
+        v = vertex_offsets[i]
+        for k in range(spans[row, 1]):
+            for axis in range(3):
+                out_vertices[v + k, axis] = vertices[spans[row, 0] + k, axis] * scale
+        c = corner_starts[i]
+        for k in range(spans[row, 5]):
+            out_corners[c + k] = corners[spans[row, 4] + k]
+        for k in range(spans[row, 3]):
+            g = spans[row, 2] + k
+            f = face_offsets[i] + k
+            c += counts[g]
+            corner_offsets[f + 1] = c
+            neighbors[f] = ids[g]
+            shifts[f, 0] = codes[g] // 9 - 1
+            shifts[f, 1] = codes[g] // 3 % 3 - 1
+            shifts[f, 2] = codes[g] % 3 - 1
+
+
+@njit(cache=True, parallel=True)
+def _one_sided(face_offsets, neighbors, shifts):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Return which faces are not seen from their other side, shape (n_faces,)."""
+    result = np.zeros(len(neighbors), dtype=np.bool_)
+    for i in prange(len(face_offsets) - 1):
+        for f in range(face_offsets[i], face_offsets[i + 1]):
+            j = neighbors[f]
+            if j < 0:
+                continue
+            found = False
+            for g in range(face_offsets[j], face_offsets[j + 1]):
+                if (
+                    neighbors[g] == i
+                    and shifts[g, 0] == -shifts[f, 0]
+                    and shifts[g, 1] == -shifts[f, 1]
+                    and shifts[g, 2] == -shifts[f, 2]
+                ):
+                    found = True
+                    break
+            result[f] = not found
+    return result
+
+
+def _pass(
+    tree: Tree,
+    frame: Frame,
+    places: NDArray[np.int64],
+    bans: tuple[NDArray[np.int64], NDArray[np.int64]],
+    size: int,
+) -> tuple[_Batch, NDArray[np.int8]]:
+    """Grow the cells at some places of the tree with work arrays of one size."""
+    n = len(places)
+    first = size == SIZE
+    chunk = CHUNK if first else 1
+    room = ROOM if first else (size, size, 3 * size)
+    total = -(-n // chunk) * chunk
+    batch = _Batch(
+        np.empty((total * room[0], 3)),
+        np.empty(total * room[1], dtype=np.int32),
+        np.empty(total * room[1], dtype=np.int32),
+        np.empty(total * room[1], dtype=np.int8),
+        np.empty(total * room[2], dtype=np.int32),
+        np.empty((n, 6), dtype=np.int64),
+    )
+    status = np.empty(n, dtype=np.int8)
+    _grow_cells(
+        tuple(tree),
+        frame.kernel,
+        places,
+        *bans,
+        size,
+        chunk,
+        room,
+        tuple(batch),
+        status,
+        frame.merge_tolerance,
+    )
+    return batch, status
+
+
+class _Collection:
+    """Batches, and for every seed the batch and the row that its cell is in."""
+
+    def __init__(self, tree: Tree, frame: Frame) -> None:
+        n = len(tree.order)
+        self.tree, self.frame = tree, frame
+        self.batches: list[_Batch] = []
+        self.batch = np.zeros(n, dtype=np.int32)
+        self.row = np.zeros(n, dtype=np.int64)
+        self.counts = np.zeros((n, 3), dtype=np.int64)
+
+    def grow(self, places: NDArray[np.int64], bans: NDArray[np.int64], ban_counts: NDArray[np.int64]) -> None:
+        """Grow the cells at ``places``; those that do not fit are grown again with more room."""
+        size = SIZE
+        owner = np.repeat(np.arange(len(places)), ban_counts)
+        pending = np.arange(len(places))
+        while pending.size:
+            kept = np.isin(owner, pending)
+            offsets = offsets_from_counts(np.bincount(owner[kept], minlength=len(places))[pending])
+            batch, status = _pass(self.tree, self.frame, places[pending], (bans[kept], offsets), size)
+            broken = places[pending[status == BROKEN]]
+            if broken.size:
+                raise GrainsDEMError(
+                    f"the cells of seeds {name_offenders(np.sort(self.tree.order[broken]))} are no closed polyhedra; "
+                    f"their seeds are too nearly degenerate for double precision"
+                )
+            done = np.flatnonzero(status != FULL)
+            seeds = self.tree.order[places[pending[done]]]
+            self.batch[seeds] = len(self.batches)
+            self.row[seeds] = done
+            self.counts[seeds] = batch.spans[done][:, 1::2]
+            self.batches.append(batch)
+            pending = pending[status == FULL]
+            size *= 4
+
+    def cells(self) -> Cells:
+        """Return all cells in the order of the seeds."""
+        vertex_offsets, face_offsets, corner_starts = (
+            offsets_from_counts(self.counts[:, k]) for k in range(3)
+        )
+        cells = Cells(
+            np.empty((vertex_offsets[-1], 3)),
+            vertex_offsets,
+            face_offsets,
+            np.empty(corner_starts[-1], dtype=np.int32),
+            np.zeros(face_offsets[-1] + 1, dtype=np.int64),
+            np.empty(face_offsets[-1], dtype=np.int32),
+            np.empty((face_offsets[-1], 3), dtype=np.int8),
+        )
+        for number, batch in enumerate(self.batches):
+            seeds = np.flatnonzero(self.batch == number)
+            _copy_cells(self.row[seeds], seeds, self.frame.scale, tuple(batch), (*cells, corner_starts))
+        return cells
+
+
+def full_cells(tree: Tree, frame: Frame) -> Cells:
+    """Return the cells of all seeds, every face of theirs seen from both its sides.
+
+    Raises
+    ------
+    GrainsDEMError
+        If rounding broke a cell beyond repair: no input is known that does.
+    """
+    n = len(tree.order)
+    collection = _Collection(tree, frame)
+    collection.grow(np.arange(n), np.empty(0, dtype=np.int64), np.zeros(n, dtype=np.int64))
+    place_of = np.empty(n, dtype=np.int64)
+    place_of[tree.order] = np.arange(n)
+    banned = np.empty((0, 2), dtype=np.int64)
+    # A face near the size of rounding may exist for one of its cells only: that cell is grown again without it.
+    for _ in range(32):
+        cells = collection.cells()
+        faces = np.flatnonzero(_one_sided(cells.face_offsets, cells.neighbors, cells.shifts))
+        if faces.size == 0:
+            return cells
+        seeds = np.searchsorted(cells.face_offsets, faces, side="right") - 1
+        keys = cells.neighbors[faces] * np.int64(27) + (cells.shifts[faces] + 1) @ np.array([9, 3, 1])
+        banned = np.concatenate([banned, np.stack([seeds, keys], axis=1)])
+        again = np.unique(seeds)
+        mine = banned[np.isin(banned[:, 0], again)]
+        mine = mine[np.lexsort(mine.T[::-1])]
+        ban_counts = np.bincount(np.searchsorted(again, mine[:, 0]), minlength=again.size)
+        collection.grow(place_of[again], np.ascontiguousarray(mine[:, 1]), ban_counts)
+    raise GrainsDEMError(f"the faces of seeds {name_offenders(again)} are not seen from both sides")

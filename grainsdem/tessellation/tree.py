@@ -1,0 +1,106 @@
+"""A balanced k-d tree over the seeds: the search adapts to their density, in clusters and in voids alike.
+
+The tree is implicit. Node 1 is the root, the children of node k are 2k and 2k + 1; on level l, node 2^l + k holds the
+seeds k·n // 2^l up to (k + 1)·n // 2^l of the tree's order. Every node knows the tight box of its seeds and their
+largest weight.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numba import njit, prange
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+LEAF_SIZE = 6
+"""Seeds in a leaf, at most: fewer visit more boxes, more try more seeds in vain."""
+
+
+class Tree(NamedTuple):
+    """Seeds in the order of their leaves, and the boxes of the nodes.
+
+    Parameters
+    ----------
+    order : ndarray of int64, shape (n,)
+        Seed that stands at each place of the tree's order.
+    points : ndarray, shape (n, 3)
+        Seeds in the tree's order.
+    weights : ndarray, shape (n,)
+        Their weights.
+    boxes : ndarray, shape (2^(depth + 1), 7)
+        Lower corner, upper corner and largest weight of every node; row 0 is not used.
+    depth : int
+        Level of the leaves.
+    """
+
+    order: NDArray[np.int64]
+    points: NDArray[np.float64]
+    weights: NDArray[np.float64]
+    boxes: NDArray[np.float64]
+    depth: int
+
+
+@njit(cache=True)
+def _select(order, points, axis, first, last, middle):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Reorder first … last so that ``middle`` is where sorting would put it (Hoare's selection)."""
+    left, right = first, last
+    while left < right:
+        a = points[order[left], axis]
+        b = points[order[(left + right) >> 1], axis]
+        c = points[order[right], axis]
+        pivot = max(min(a, b), min(max(a, b), c))
+        i, j = left, right
+        while i <= j:
+            while points[order[i], axis] < pivot:
+                i += 1
+            while points[order[j], axis] > pivot:
+                j -= 1
+            if i <= j:
+                order[i], order[j] = order[j], order[i]
+                i += 1
+                j -= 1
+        if middle <= j:
+            right = j
+        elif middle >= i:
+            left = i
+        else:
+            return
+
+
+@njit(cache=True, parallel=True)
+def _build(points, weights, order, boxes, depth):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    n = len(points)
+    for level in range(depth + 1):
+        width = 1 << level
+        for k in prange(width):
+            first, last = (k * n) >> level, ((k + 1) * n) >> level
+            box = boxes[width + k]
+            box[:3] = np.inf
+            box[3:] = -np.inf
+            for p in range(first, last):
+                i = order[p]
+                for axis in range(3):
+                    box[axis] = min(box[axis], points[i, axis])
+                    box[3 + axis] = max(box[3 + axis], points[i, axis])
+                box[6] = max(box[6], weights[i])
+            if level < depth:
+                axis = 0
+                for other in range(1, 3):
+                    if box[3 + other] - box[other] > box[3 + axis] - box[axis]:
+                        axis = other
+                _select(order, points, axis, first, last - 1, ((2 * k + 1) * n) >> (level + 1))
+
+
+def build(points: NDArray[np.float64], weights: NDArray[np.float64]) -> Tree:
+    """Return the tree of seeds, shape (n, 3), with weights, shape (n,)."""
+    n = len(points)
+    depth = 0
+    while n > LEAF_SIZE << depth:
+        depth += 1
+    order = np.arange(n)
+    boxes = np.zeros((2 << depth, 7))
+    _build(points, weights, order, boxes, depth)
+    return Tree(order, points[order], weights[order], boxes, depth)
