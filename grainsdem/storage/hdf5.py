@@ -1,0 +1,111 @@
+"""What every HDF5 file of ours has in common: suffix, schema, version, and one clear error for what is wrong."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import h5py
+import numpy as np
+
+import grainsdem
+from grainsdem.errors import FileFormatError, MissingFileError, WriteError, name_offenders
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Iterator
+    from typing import Any
+
+    from numpy.typing import NDArray
+
+SUFFIXES = (".h5", ".hdf5")
+SCHEMA_VERSION = "1.0"
+"""Version of every schema. A new minor version only adds; a new major version is refused by older readers."""
+
+LIBVER = ("v110", "v110")
+"""One file format, read by every HDF5 from 1.10 on: bytes repeat, long attributes fit, readers may look on."""
+
+
+def describe(file: h5py.File, schema: str) -> None:
+    """Write what every file says of itself."""
+    file.attrs["schema"] = schema
+    file.attrs["schema_version"] = SCHEMA_VERSION
+    file.attrs["grainsdem_version"] = grainsdem.__version__
+
+
+def check_suffix(path: str | os.PathLike[str]) -> Path:
+    """Return the path, or raise `FileFormatError` unless it ends as HDF5 files do."""
+    target = Path(path)
+    if target.suffix.lower() not in SUFFIXES:
+        given = target.suffix or "no suffix"
+        raise FileFormatError(f"{target}: HDF5 files end in {' or '.join(SUFFIXES)}; got {given!r}")
+    return target
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Turn the errors of HDF5 into one of ours."""
+    try:
+        yield
+    except (OSError, RuntimeError) as error:
+        raise WriteError(f"{path}: cannot be written: {_first_line(error)}") from error
+
+
+@contextmanager
+def reading(path: str | os.PathLike[str], schema: str) -> Iterator[h5py.File]:
+    """Open a file of the given schema and turn whatever is wrong with it into one clear error."""
+    source = check_suffix(path)
+    if not source.is_file():
+        raise MissingFileError(f"{source}: no such file")
+    try:
+        with _open(source) as file:
+            _check_schema(source, file, schema)
+            yield file
+    except (FileFormatError, MissingFileError):
+        raise
+    except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
+        raise FileFormatError(f"{source}: damaged or incomplete: {_first_line(error)}") from error
+
+
+def read_dataset(file: h5py.File, name: str) -> NDArray[Any]:
+    """Return the whole dataset, or raise `KeyError` where there is none."""
+    found = file.get(name)
+    if not isinstance(found, h5py.Dataset):
+        raise KeyError(f"dataset {name} is missing")
+    return np.asarray(found[()])
+
+
+def _open(path: Path) -> h5py.File:
+    """Open for reading; a file whose writer is alive or was killed opens only as one that is being written."""
+    if not h5py.is_hdf5(path):
+        raise FileFormatError(f"{path}: not an HDF5 file; a file that `save` or a history wrote is needed")
+    try:
+        return h5py.File(path, "r")
+    except OSError as error:
+        if "truncated" in str(error):
+            raise
+        return h5py.File(path, "r", swmr=True)
+
+
+def _check_schema(path: Path, file: h5py.File, schema: str) -> None:
+    found = to_text(file.attrs.get("schema", ""))
+    if found != schema:
+        what = f"schema {found!r}" if found else f"no schema, but {name_offenders(file.keys()) or 'nothing'}"
+        raise FileFormatError(f"{path}: an HDF5 file of another kind: {what}; schema {schema!r} is needed")
+    version = to_text(file.attrs.get("schema_version", ""))
+    if version.split(".")[0] != SCHEMA_VERSION.split(".", maxsplit=1)[0]:
+        raise FileFormatError(
+            f"{path}: version {version or 'unknown'!r} of {schema}; grainsdem {grainsdem.__version__} reads "
+            f"{SCHEMA_VERSION.split('.', maxsplit=1)[0]}.x"
+        )
+
+
+def to_text(value: object) -> str:
+    """Return an attribute as text; some writers store bytes."""
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
+
+
+def _first_line(error: BaseException) -> str:
+    text = str(error.args[0]) if isinstance(error, KeyError) and error.args else str(error)
+    return text.splitlines()[0] if text else type(error).__name__

@@ -1,0 +1,217 @@
+"""Histories in HDF5: they grow while a run goes and can be read at any time, also after it was killed."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Self
+
+import h5py
+import numpy as np
+
+from grainsdem.errors import InputError, ShapeError
+from grainsdem.storage.hdf5 import LIBVER, check_suffix, describe, read_dataset, reading, writing
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Iterable
+    from types import TracebackType
+
+    from numpy.typing import ArrayLike, NDArray
+
+SCHEMA = "grainsdem.history"
+
+
+class HistoryWriter:
+    """Appends rows, and now and then whole frames, to an HDF5 file while a run goes.
+
+    Parameters
+    ----------
+    path : str or path-like
+        Ends in ``.h5`` or ``.hdf5``; replaced if it exists.
+    columns : iterable of str, or mapping of str to str
+        Names of the scalar series, ``time`` [s] among them as a rule; a mapping gives each its unit.
+    n_grains : int
+        Where given, frames of all grains' positions [m] and quaternions (w, x, y, z) can be appended too.
+    attributes : mapping of str to JSON value
+        What a reader should know: provenance, units of mass, parameters.
+    rows_per_chunk : int
+        Rows are written and flushed together in chunks of this many, and when the writer is closed. An
+        interrupted run loses at most the rows since the last chunk; a frame flushes everything.
+
+    Raises
+    ------
+    FileFormatError
+        If the suffix is unknown.
+    InputError
+        If there is no column, two are of one name, or one is named like a frame's arrays.
+    WriteError
+        If the file cannot be written.
+
+    Notes
+    -----
+    The file is in HDF5's single-writer/multiple-reader mode from its first row on. In that mode what is on
+    disk is consistent at any time, so that it can be read by `load_history` while the run goes and after it
+    was killed.
+
+    Examples
+    --------
+    >>> with HistoryWriter("run.h5", {"time": "s", "kinetic_energy": "J"}) as history:  # doctest: +SKIP
+    ...     history.append(time=0.0, kinetic_energy=1e-9)
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        columns: Iterable[str] | Mapping[str, str],
+        *,
+        n_grains: int | None = None,
+        attributes: Mapping[str, Any] | None = None,
+        rows_per_chunk: int = 16,
+    ) -> None:
+        names = list(columns)
+        reserved = {"frame_times", "positions", "quaternions"}
+        if not names or len(set(names)) < len(names) or reserved & set(names) or rows_per_chunk < 1:
+            raise InputError(
+                f"a history needs columns of different names, none of {', '.join(sorted(reserved))}, and "
+                f"rows_per_chunk of 1 or more; got {', '.join(names) or 'none'} and {rows_per_chunk}"
+            )
+        self.path = check_suffix(path)
+        self.columns = tuple(names)
+        self.n_grains = n_grains
+        self._rows: list[tuple[float, ...]] = []
+        self._rows_per_chunk = rows_per_chunk
+        units = dict(columns) if isinstance(columns, Mapping) else {}
+        with writing(self.path):
+            self._file = h5py.File(self.path, "w", libver=LIBVER, locking="best-effort")
+            describe(self._file, SCHEMA)
+            self._file.attrs["units"] = json.dumps(units, ensure_ascii=False)
+            self._file.attrs["attributes"] = json.dumps(dict(attributes or {}), ensure_ascii=False, sort_keys=True)
+            self._series = _create_series(self._file, names)
+            self._frames = None if n_grains is None else _create_frames(self._file, n_grains)
+            self._file.flush()
+            self._file.swmr_mode = True
+
+    def append(self, **row: float) -> None:
+        """Append one row: a number for every column, by name."""
+        if row.keys() != set(self.columns):
+            wrong = sorted(row.keys() ^ set(self.columns))
+            raise InputError(f"a row needs {', '.join(self.columns)}; missing or unknown: {', '.join(wrong)}")
+        self._rows.append(tuple(float(row[name]) for name in self.columns))
+        if len(self._rows) >= self._rows_per_chunk:
+            self.flush()
+
+    def append_frame(self, time: float, *, positions: ArrayLike, quaternions: ArrayLike) -> None:
+        """Append every grain's position [m], shape (n, 3), and quaternion, shape (n, 4), at one time [s]."""
+        if self._frames is None:
+            raise InputError("this history has no frames; give n_grains when it is made")
+        values = {"positions": np.asarray(positions, float), "quaternions": np.asarray(quaternions, float)}
+        for name, width in (("positions", 3), ("quaternions", 4)):
+            if values[name].shape != (self.n_grains, width):
+                raise ShapeError(f"{name} must have shape ({self.n_grains}, {width}); got {values[name].shape}")
+        self.flush()
+        with writing(self.path):
+            # The time last: a frame is there when its time is.
+            for name, value in (*values.items(), ("times", np.float64(time))):
+                _extend(self._frames[name], value[None])
+
+    def flush(self) -> None:
+        """Write the rows that wait, so that readers see them."""
+        if not self._rows:
+            return
+        with writing(self.path):
+            _extend(self._series, np.array(self._rows, dtype=self._series.dtype))
+        self._rows.clear()
+
+    def close(self) -> None:
+        """Write what waits and close the file; closing twice does nothing."""
+        if self._file:
+            try:
+                self.flush()
+            finally:
+                self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def load_history(path: str | os.PathLike[str]) -> dict[str, NDArray[np.float64]]:
+    """Read a history that a `HistoryWriter` wrote, while it is being written or after.
+
+    Parameters
+    ----------
+    path : str or path-like
+        Ends in ``.h5`` or ``.hdf5``.
+
+    Returns
+    -------
+    dict of str to ndarray
+        Each column by its name, shape (n_rows,). Where frames were written also ``frame_times`` [s], shape
+        (n_frames,), ``positions`` [m], shape (n_frames, n_grains, 3), and ``quaternions``, shape (n_frames,
+        n_grains, 4).
+
+    Raises
+    ------
+    MissingFileError
+        If there is no such file.
+    FileFormatError
+        As in `load`.
+    """
+    with reading(path, SCHEMA) as file:
+        series = read_dataset(file, "series")
+        if series.dtype.names is None:
+            raise ValueError("dataset series has no columns")
+        # Rows whose numbers had not reached the disk when a run was killed are all NaN.
+        written = ~np.all([np.isnan(series[name]) for name in series.dtype.names], axis=0)
+        series = series[: int(np.max(np.flatnonzero(written), initial=-1)) + 1]
+        result = {name: np.ascontiguousarray(series[name]) for name in series.dtype.names}
+        if "frames" in file:
+            times = read_dataset(file, "frames/times")
+            n = int(np.argmax(np.isnan(times))) if np.isnan(times).any() else len(times)
+            result["frame_times"] = times[:n]
+            result["positions"] = read_dataset(file, "frames/positions")[:n]
+            result["quaternions"] = read_dataset(file, "frames/quaternions")[:n]
+        return result
+
+
+def _create_series(file: h5py.File, names: list[str]) -> h5py.Dataset:
+    dtype = np.dtype([(name, np.float64) for name in names])
+    fill = np.full((), np.nan, dtype=dtype)
+    return file.create_dataset(
+        "series", shape=(0,), maxshape=(None,), dtype=dtype, chunks=(256,), fillvalue=fill, track_times=False
+    )
+
+
+def _create_frames(file: h5py.File, n: int) -> h5py.Group:
+    group = file.create_group("frames")
+    group.create_dataset(
+        "times",
+        shape=(0,),
+        maxshape=(None,),
+        dtype=np.float64,
+        chunks=(64,),
+        fillvalue=np.nan,
+        track_times=False,
+    )
+    for name, width in (("positions", 3), ("quaternions", 4)):
+        group.create_dataset(
+            name,
+            shape=(0, n, width),
+            maxshape=(None, n, width),
+            dtype=np.float64,
+            chunks=(1, max(n, 1), width),
+            track_times=False,
+        )
+    return group
+
+
+def _extend(dataset: h5py.Dataset, values: NDArray[Any]) -> None:
+    n = len(dataset)
+    dataset.resize(n + len(values), axis=0)
+    dataset[n:] = values
+    dataset.flush()

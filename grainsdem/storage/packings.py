@@ -1,0 +1,142 @@
+"""Packings in HDF5: written whole or not at all, and the same packing gives the same bytes."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+import h5py
+
+from grainsdem.atomic import replacing
+from grainsdem.model import CellLinks, Domain, Packing, Polyhedra
+from grainsdem.storage.hdf5 import LIBVER, check_suffix, describe, read_dataset, reading, to_text
+
+if TYPE_CHECKING:
+    import os
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+SCHEMA = "grainsdem.packing"
+
+
+def save(packing: Packing, path: str | os.PathLike[str]) -> Path:
+    """Write a packing to HDF5.
+
+    Parameters
+    ----------
+    packing : Packing
+        Any packing.
+    path : str or path-like
+        Ends in ``.h5`` or ``.hdf5``; replaced if it exists.
+
+    Returns
+    -------
+    pathlib.Path
+        The file.
+
+    Raises
+    ------
+    FileFormatError
+        If the suffix is another.
+    WriteError
+        If it cannot be written; nothing is left behind.
+
+    Notes
+    -----
+    Arrays keep the names they have in the nouns: ``grains/vertices``, ``positions``, ``links/neighbors``, …,
+    in SI units. The file holds no clock and no path: the same packing gives the same bytes.
+    """
+    target = check_suffix(path)
+    with replacing(target) as temporary, h5py.File(temporary, "w", libver=LIBVER, track_order=False) as file:
+        describe(file, SCHEMA)
+        file.attrs["provenance"] = json.dumps(packing.provenance, ensure_ascii=False)
+        file.attrs["units"] = "SI: m, kg, s, rad; quaternions (w, x, y, z)"
+        for name, array in _arrays(packing).items():
+            _write(file, name, array)
+        file["domain"].attrs["is_planar"] = packing.domain.is_planar
+    return target
+
+
+def load(path: str | os.PathLike[str]) -> Packing:
+    """Read a packing that `save` wrote.
+
+    Parameters
+    ----------
+    path : str or path-like
+        Ends in ``.h5`` or ``.hdf5``.
+
+    Returns
+    -------
+    Packing
+        Equal to what was saved, bit for bit.
+
+    Raises
+    ------
+    MissingFileError
+        If there is no such file.
+    FileFormatError
+        If the suffix is unknown, the file is truncated or damaged, is not a packing of grainsdem, is of an
+        unknown major version, or lacks a dataset.
+    """
+    with reading(path, SCHEMA) as file:
+        return _packing(file)
+
+
+def _arrays(packing: Packing) -> dict[str, NDArray[Any]]:
+    grains, domain, links = packing.grains, packing.domain, packing.links
+    result = {
+        "domain/lower": domain.lower,
+        "domain/upper": domain.upper,
+        "domain/periodic": domain.periodic,
+        "grains/vertices": grains.vertices,
+        "grains/vertex_offsets": grains.vertex_offsets,
+        "grains/face_offsets": grains.face_offsets,
+        "grains/face_vertices": grains.face_vertices,
+        "grains/face_vertex_offsets": grains.face_vertex_offsets,
+        "positions": packing.positions,
+        "quaternions": packing.quaternions,
+        "densities": packing.densities,
+    }
+    if links is not None:
+        result["links/neighbors"] = links.neighbors
+        result["links/shifts"] = links.shifts
+        result["links/cell_volumes"] = links.cell_volumes
+    return result
+
+
+def _packing(file: h5py.File) -> Packing:
+    names = ("vertices", "vertex_offsets", "face_offsets", "face_vertices", "face_vertex_offsets")
+    links = None
+    if "links" in file:
+        links = CellLinks(*(read_dataset(file, f"links/{name}") for name in ("neighbors", "shifts", "cell_volumes")))
+    lower, upper, periodic = (read_dataset(file, f"domain/{name}") for name in ("lower", "upper", "periodic"))
+    return Packing(
+        Polyhedra(*(read_dataset(file, f"grains/{name}") for name in names)),
+        read_dataset(file, "positions"),
+        read_dataset(file, "quaternions"),
+        read_dataset(file, "densities"),
+        Domain(lower, upper, periodic, is_planar=bool(file["domain"].attrs["is_planar"])),
+        links,
+        tuple(json.loads(to_text(file.attrs["provenance"]))),
+    )
+
+
+def _write(file: h5py.File, name: str, array: NDArray[Any]) -> None:
+    """Write one array: byte-shuffled, gently compressed, each chunk with a checksum; small ones plain."""
+    if array.nbytes < 1024:
+        file.create_dataset(name, data=array, track_times=False)
+        return
+    # A chunk of about 256 kB: a part can be read without the whole.
+    rows = max(1, min(len(array), 262_144 * len(array) // array.nbytes))
+    chunks = (rows, *array.shape[1:])
+    file.create_dataset(
+        name,
+        data=array,
+        chunks=chunks,
+        compression="gzip",
+        compression_opts=1,
+        shuffle=True,
+        fletcher32=True,
+        track_times=False,
+    )
