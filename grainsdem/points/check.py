@@ -48,10 +48,11 @@ def check_seeds(seeds: ArrayLike, domain: Domain) -> NDArray[np.float64]:
     bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
     if bad.size:
         raise InputError(f"seeds must be finite; {bad.size} of {len(points)} are not: {name_offenders(bad)}")
-    outside = np.flatnonzero(((points < domain.lower) | (points > domain.upper)).any(axis=1))
+    outside = np.flatnonzero(~domain.contains(points))
     if outside.size:
+        cut = f" and at n · x <= d of its {len(domain.planes)} planes" if len(domain.planes) else ""
         raise InputError(
-            f"seeds must lie in the domain {domain.lower.tolist()} to {domain.upper.tolist()}; "
+            f"seeds must lie in the domain {domain.lower.tolist()} to {domain.upper.tolist()}{cut}; "
             f"{outside.size} of {len(points)} lie outside: {name_offenders(outside)}"
         )
     _refuse_duplicates(points, domain)

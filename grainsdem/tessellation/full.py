@@ -250,9 +250,7 @@ class _Collection:
 
     def cells(self) -> Cells:
         """Return all cells in the order of the seeds."""
-        vertex_offsets, face_offsets, corner_starts = (
-            offsets_from_counts(self.counts[:, k]) for k in range(3)
-        )
+        vertex_offsets, face_offsets, corner_starts = (offsets_from_counts(self.counts[:, k]) for k in range(3))
         cells = Cells(
             np.empty((vertex_offsets[-1], 3)),
             vertex_offsets,

@@ -133,9 +133,7 @@ def grow(place, tree, frame, banned, work):  # type: ignore[no-untyped-def]  # n
                     dx = max(qx - box[0], box[3] - qx)
                     dy = max(qy - box[1], box[4] - qy)
                     dz = max(qz - box[2], box[5] - qz)
-                    if dx * dx + dy * dy + dz * dz <= inner or not _reaches(
-                        geo, n_tri, qx, qy, qz, box, weight
-                    ):
+                    if dx * dx + dy * dy + dz * dz <= inner or not _reaches(geo, n_tri, qx, qy, qz, box, weight):
                         continue
                 if node < first_leaf:
                     # The nearer child is taken first: its cuts may spare the other.

@@ -117,7 +117,5 @@ def moments(tree: Tree, frame: Frame) -> Moments:
         pending = pending[is_full]
         size, chunk = 4 * size, 1
     volumes = rows[:, 0]
-    centroids = np.divide(
-        rows[:, 1:4], volumes[:, None], out=np.zeros((len(rows), 3)), where=volumes[:, None] > 0
-    )
+    centroids = np.divide(rows[:, 1:4], volumes[:, None], out=np.zeros((len(rows), 3)), where=volumes[:, None] > 0)
     return Moments(volumes * frame.scale**3, centroids * frame.scale, rows[:, 4] * frame.scale**5)

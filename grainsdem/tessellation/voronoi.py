@@ -66,9 +66,7 @@ def tessellate(seeds: ArrayLike, domain: Domain, *, weights: ArrayLike | None = 
     # Only differences matter, and the largest difference from the mean is rounded least.
     relative = (given - given.mean()) / frame.scale**2
     cells = full_cells(build(frame.inward(sites), relative), frame)
-    polyhedra = Polyhedra(
-        cells.vertices, cells.vertex_offsets, cells.face_offsets, cells.corners, cells.corner_offsets
-    )
+    polyhedra = Polyhedra(cells.vertices, cells.vertex_offsets, cells.face_offsets, cells.corners, cells.corner_offsets)
     return Tessellation(domain, sites, given, polyhedra, cells.neighbors, cells.shifts)
 
 
