@@ -1,1 +1,5 @@
-"""."""
+"""Grains in motion: MuJoCo simulates the very text that `exporters.mjcf` writes, and gives back a packing."""
+
+from grainsdem.dynamics.settle import Settled, SettleReport, settle
+
+__all__ = ["SettleReport", "Settled", "settle"]

@@ -64,7 +64,13 @@ def carve(
     measured = integrate(grains)
     centred = grains.vertices - np.repeat(measured.centroids, np.diff(grains.vertex_offsets), axis=0)
     return Packing(
-        Polyhedra(centred, grains.vertex_offsets, grains.face_offsets, grains.face_vertices, grains.face_vertex_offsets),
+        Polyhedra(
+            centred,
+            grains.vertex_offsets,
+            grains.face_offsets,
+            grains.face_vertices,
+            grains.face_vertex_offsets,
+        ),
         cells.sites[kept] + measured.centroids,
         identity_quaternions(kept.size),
         densities[kept],
@@ -79,6 +85,10 @@ def select(polyhedra: Polyhedra, rows: NDArray[np.int64]) -> tuple[Polyhedra, ND
     faces, face_offsets = take_indices(polyhedra.face_offsets, rows)
     corners, corner_offsets = take_indices(polyhedra.face_vertex_offsets, faces)
     chosen = Polyhedra(
-        polyhedra.vertices[vertices], vertex_offsets, face_offsets, polyhedra.face_vertices[corners], corner_offsets
+        polyhedra.vertices[vertices],
+        vertex_offsets,
+        face_offsets,
+        polyhedra.face_vertices[corners],
+        corner_offsets,
     )
     return chosen, faces

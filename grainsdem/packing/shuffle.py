@@ -35,8 +35,8 @@ def shuffle(packing: Packing, *, rng: np.random.Generator | int | None = None, c
     Returns
     -------
     Packing
-        The same shapes in a new order, free of overlap whatever their rotation, in a domain of the same floor and walls that is as
-        high as they need; without links and without periodic axes. Grain ids are new.
+        The same shapes in a new order, free of overlap whatever their rotation, in a domain of the same floor and
+        walls that is as high as they need; without links and without periodic axes. Grain ids are new.
 
     Raises
     ------
@@ -56,7 +56,8 @@ def shuffle(packing: Packing, *, rng: np.random.Generator | int | None = None, c
     columns = np.floor(domain.lengths[:2] / pitch + 1e-9).astype(int)
     if columns.min() < 1:
         raise InputError(
-            f"the floor {domain.lengths[:2].tolist()} m must be wider than the largest grain, {pitch:.4g} m with clearance"
+            f"the floor {domain.lengths[:2].tolist()} m must be wider than the largest grain, {pitch:.4g} m with "
+            f"clearance"
         )
     positions, height = _lattice(len(packing), columns, domain, pitch)
     turned = multiply(random_quaternions(len(packing), generator), packing.quaternions[order])
@@ -72,9 +73,7 @@ def shuffle(packing: Packing, *, rng: np.random.Generator | int | None = None, c
     ).with_step("shuffle", clearance=clearance)
 
 
-def _lattice(
-    n: int, columns: NDArray[np.int64], domain: Domain, pitch: float
-) -> tuple[NDArray[np.float64], float]:
+def _lattice(n: int, columns: NDArray[np.int64], domain: Domain, pitch: float) -> tuple[NDArray[np.float64], float]:
     """Return ``n`` places, layer by layer from the floor, and the height they take."""
     index = np.arange(n)
     per_layer = int(columns.prod())

@@ -1,0 +1,55 @@
+"""What is wrong with a run, told before it is believed: warnings, NaN, gained energy, escaped grains."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from grainsdem.errors import name_offenders
+
+if TYPE_CHECKING:
+    from grainsdem.dynamics.mechanics import Sample
+    from grainsdem.dynamics.scene import Scene
+
+ENERGY_SLACK = 1e-3
+"""Energy [m g d a grain] that a sample may lie above an earlier one: soft contacts give back what they stored."""
+
+ESCAPE_DISTANCE = 1.0
+"""A grain's centroid farther than this many diameters outside the container has escaped."""
+
+
+def find_trouble(scene: Scene, now: Sample, before: Sample) -> str | None:
+    """Return what is wrong with the present state, or None.
+
+    Parameters
+    ----------
+    scene : Scene
+        The state to look at.
+    now, before : Sample
+        The present sample and the last good one: with walls at rest the total energy cannot rise.
+    """
+    import mujoco
+
+    data = scene.data
+    if not (np.isfinite(data.qpos).all() and np.isfinite(data.qvel).all() and np.isfinite(now.total_energy)):
+        bad = np.flatnonzero(~np.isfinite(data.qpos.reshape(scene.n_grains, 7)).all(axis=1))
+        return f"numbers that are not finite, grains {name_offenders(bad)}"
+    for kind in range(mujoco.mjtWarning.mjNWARNING):
+        if data.warning[kind].number:
+            return f"MuJoCo's warning {mujoco.mjtWarning(kind).name}, {data.warning[kind].lastinfo}"
+    if now.total_energy > before.total_energy + ENERGY_SLACK:
+        return f"energy rose from {before.total_energy:.4g} to {now.total_energy:.4g} m g d a grain"
+    escaped = np.flatnonzero(_distance_outside(scene) > ESCAPE_DISTANCE)
+    if escaped.size:
+        return f"{escaped.size} grains left the container: {name_offenders(escaped)}"
+    return None
+
+
+def _distance_outside(scene: Scene) -> np.ndarray:
+    """Return how far each centroid lies outside the floor and the side walls, in diameters, shape (n,)."""
+    positions, _ = scene.poses()
+    lower = scene.source.domain.lower / scene.units.length
+    upper = (scene.source.domain.upper / scene.units.length).copy()
+    upper[2] = np.inf  # there is no lid
+    return np.maximum(lower - positions, positions - upper).max(axis=1)

@@ -1,0 +1,168 @@
+"""What the command line shows a person: progress bars and tables."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, Self
+
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from grainsdem.errors import name_offenders
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from rich.console import Console
+
+    from grainsdem.model import Report
+    from grainsdem.recipe import Result
+
+
+class ChainProgress:
+    """A bar for each stage of a chain; the monitor that `grainsdem.recipe.run` tells.
+
+    Parameters
+    ----------
+    console : Console
+        Where bars are drawn.
+    shown : bool
+        Whether they are.
+    """
+
+    def __init__(self, console: Console, *, shown: bool = True) -> None:
+        self._bars = Progress(
+            SpinnerColumn(finished_text="[green]✓[/green]"),
+            TextColumn("{task.description:<18}"),
+            BarColumn(bar_width=24),
+            TimeElapsedColumn(),
+            TextColumn("{task.fields[words]}"),
+            console=console,
+            disable=not shown,
+        )
+
+    def __enter__(self) -> Self:
+        self._bars.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._bars.stop()
+
+    @contextmanager
+    def stage(self, title: str) -> Iterator[Callable[[float, str], None]]:
+        """Show a bar while the block runs; what is yielded takes the fraction done and a few words."""
+        task = self._bars.add_task(title, total=None, words="")
+
+        def tell(fraction: float, words: str) -> None:
+            self._bars.update(task, total=1.0, completed=min(fraction, 1.0), words=words)
+
+        yield tell
+        self._bars.update(task, total=1.0, completed=1.0)
+
+
+def print_result(console: Console, name: str, result: Result) -> None:
+    """Print what a recipe made: measures before and after, and the files."""
+    columns = {"as grown": result.summaries["bed"]}
+    if result.settled is not None:
+        columns["settled"] = result.summaries["settled"]
+    overlaps = {title: _overlap(result.reports[key]) for title, key in zip(columns, result.reports, strict=True)}
+    table = Table(title=name, title_justify="left", title_style="bold")
+    table.add_column("")
+    for title in columns:
+        table.add_column(title, justify="right")
+    rows = _rows(list(columns.values()))
+    rows.append(("largest overlap [grain volume]", *overlaps.values()))
+    if result.settled is not None:
+        report = result.settled.report
+        rows.append(("largest overlap [d]", "–", f"{report.overlap_max:.1e}"))
+        rows.append(("time to rest [s]", "–", f"{report.time:.4g}{'' if report.at_rest else ' (not at rest)'}"))
+    for row in rows:
+        table.add_row(*row)
+    console.print(table)
+    console.print(f"{len(result.files)} files written to {result.files[0].parent}:", highlight=False)
+    console.print("  " + "  ".join(path.name for path in result.files), highlight=False)
+
+
+def print_summary(console: Console, title: str, summary: dict[str, Any]) -> None:
+    """Print the measures of one bed."""
+    table = Table(title=title, title_justify="left", title_style="bold", show_header=False)
+    for row in _rows([summary]):
+        table.add_row(*row)
+    console.print(table)
+
+
+def print_settling(console: Console, title: str, summary: dict[str, Any]) -> None:
+    """Print the measures of a settled bed and how it settled."""
+    table = Table(title=title, title_justify="left", title_style="bold", show_header=False)
+    rest = "" if summary["at_rest"] else " (time was up: not at rest)"
+    rows = [
+        *_rows([summary]),
+        ("time [s]", f"{summary['time']:.4g}{rest}"),
+        ("kinetic energy [m g d a grain]", f"{summary['kinetic_energy']:.1e}"),
+        ("largest overlap [d]", f"{summary['overlap_max']:.1e}"),
+        ("force on the floor [weight]", f"{summary['floor_force']:.4f}"),
+    ]
+    for row in rows:
+        table.add_row(*row)
+    console.print(table)
+
+
+def print_report(console: Console, title: str, report: Report) -> None:
+    """Print every check of a validation, the offenders of those that failed, and the verdict."""
+    table = Table(title=title, title_justify="left", title_style="bold")
+    for column in ("check", "", "worst", "allowed", "offenders"):
+        table.add_column(column, justify="right" if column in ("worst", "allowed") else "left")
+    for check in report.checks:
+        offenders = ["–".join(map(str, o)) if isinstance(o, tuple) else str(o) for o in check.offenders]
+        table.add_row(
+            check.name,
+            "[green]ok[/green]" if check.ok else "[red]FAILED[/red]",
+            f"{check.worst:.3g} {check.unit}".strip(),
+            f"{check.threshold:.3g} {check.unit}".strip(),
+            name_offenders(offenders) + (f" ({check.note})" if check.note and not check.ok else ""),
+        )
+    console.print(table)
+
+
+def print_info(console: Console, title: str, facts: dict[str, Any]) -> None:
+    """Print what a file holds and the steps that made it."""
+    table = Table(title=title, title_justify="left", title_style="bold", show_header=False)
+    for key, value in facts.items():
+        if key != "provenance":
+            table.add_row(key.replace("_", " "), str(value))
+    for step in facts["provenance"]:
+        options = ", ".join(f"{k} = {v}" for k, v in step.items() if k != "step" and v is not None)
+        table.add_row(f"step: {step['step']}", options)
+    console.print(table)
+
+
+def _rows(summaries: list[dict[str, Any]]) -> list[tuple[str, ...]]:
+    """Return the measures that every summary shares, as text."""
+
+    def row(title: str, show: Callable[[dict[str, Any]], str]) -> tuple[str, ...]:
+        return (title, *(show(summary) for summary in summaries))
+
+    def number(key: str, digits: int) -> Callable[[dict[str, Any]], str]:
+        return lambda s: "–" if s[key] is None else f"{s[key]:.{digits}f}"
+
+    def millimetres(key: str) -> Callable[[dict[str, Any]], str]:
+        return lambda s: f"{s[key] * 1e3:.4g}"
+
+    def porosity(summary: dict[str, Any]) -> str:
+        return "–" if summary["porosity"] is None else f"{summary['porosity']:.4f} ({summary['porosity_region']})"
+
+    return [
+        row("grains", lambda s: str(s["n_grains"])),
+        row("porosity (of what region)", porosity),
+        row("d10 by mass [mm]", millimetres("d10")),
+        row("d50 by mass [mm]", millimetres("d50")),
+        row("d90 by mass [mm]", millimetres("d90")),
+        row("mean sphericity", number("mean_sphericity", 3)),
+        row("mean coordination", number("mean_coordination", 2)),
+        row("mass [g]", lambda s: f"{s['total_mass'] * 1e3:.4g}"),
+    ]
+
+
+def _overlap(report: Report) -> str:
+    check = next(check for check in report.checks if check.name == "overlaps")
+    return f"{check.worst:.1e}"
