@@ -112,8 +112,8 @@ class HistoryWriter:
         self.flush()
         with writing(self.path):
             # The time last: a frame is there when its time is.
-            for name, value in (*values.items(), ("times", np.float64(time))):
-                _extend(self._frames[name], value[None])
+            for name, value in (*values.items(), ("times", np.array(time, dtype=np.float64))):
+                _extend(self._frames[name], value[np.newaxis])
 
     def flush(self) -> None:
         """Write the rows that wait, so that readers see them."""
@@ -164,12 +164,13 @@ def load_history(path: str | os.PathLike[str]) -> dict[str, NDArray[np.float64]]
     """
     with reading(path, SCHEMA) as file:
         series = read_dataset(file, "series")
-        if series.dtype.names is None:
+        names = series.dtype.names
+        if names is None:
             raise ValueError("dataset series has no columns")
         # Rows whose numbers had not reached the disk when a run was killed are all NaN.
-        written = ~np.all([np.isnan(series[name]) for name in series.dtype.names], axis=0)
+        written = ~np.all([np.isnan(series[name]) for name in names], axis=0)
         series = series[: int(np.max(np.flatnonzero(written), initial=-1)) + 1]
-        result = {name: np.ascontiguousarray(series[name]) for name in series.dtype.names}
+        result = {name: np.ascontiguousarray(series[name]) for name in names}
         if "frames" in file:
             times = read_dataset(file, "frames/times")
             n = int(np.argmax(np.isnan(times))) if np.isnan(times).any() else len(times)
