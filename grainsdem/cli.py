@@ -231,7 +231,7 @@ def export(
 
     packing = grainsdem.load(bed)
     for output in outputs:
-        exporters.check_suffix(output)
+        exporters.module_for(output.suffix)  # all are known before the first is written
     files = [path for output in outputs for path in exporters.write(packing, output)]
     if json_:
         _print_json({"files": [str(path) for path in files]})

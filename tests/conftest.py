@@ -43,7 +43,11 @@ def cube_packing(positions, *, half=1.0, domain=None, density=1.0):
     corners = half * np.array([[x, y, z] for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)], float)
     faces = np.array([[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]])
     shapes = Polyhedra(
-        np.tile(corners, (n, 1)), 8 * np.arange(n + 1), 6 * np.arange(n + 1), np.tile(faces.ravel(), n), 4 * np.arange(6 * n + 1)
+        np.tile(corners, (n, 1)),
+        8 * np.arange(n + 1),
+        6 * np.arange(n + 1),
+        np.tile(faces.ravel(), n),
+        4 * np.arange(6 * n + 1),
     )
     quaternions = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1))
     return Packing(shapes, positions, quaternions, np.full(n, density), domain or Domain.cube(10.0))

@@ -6,7 +6,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from grainsdem.geometry.rotations import to_matrices
+
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from grainsdem.dynamics.scene import Scene
 
 
@@ -42,6 +46,20 @@ class Sample(NamedTuple):
     overlap_max: float
     floor_force: float
     height: float
+
+
+SAMPLE_UNITS = {
+    "time": "s",
+    "kinetic_energy": "m g d",
+    "total_energy": "m g d",
+    "unbalanced_force": "1",
+    "n_contacts": "1",
+    "overlap_mean": "d",
+    "overlap_max": "d",
+    "floor_force": "weight",
+    "height": "m",
+}
+"""Units of a `Sample` as it is stored: m is the mean mass of a grain, d the median diameter, g gravity."""
 
 
 def sample(scene: Scene) -> Sample:
@@ -83,10 +101,8 @@ def sample(scene: Scene) -> Sample:
     )
 
 
-def _inertias(scene: Scene, bodies: np.ndarray) -> np.ndarray:
+def _inertias(scene: Scene, bodies: NDArray[np.int64]) -> NDArray[np.float64]:
     """Return the inertia tensors of the grains in their own frames, shape (n, 3, 3)."""
-    from grainsdem.geometry.rotations import to_matrices  # noqa: PLC0415  (kept with its only use)
-
     turns = to_matrices(scene.model.body_iquat[bodies])
     return np.einsum("nij,nj,nkj->nik", turns, scene.model.body_inertia[bodies], turns)
 

@@ -94,12 +94,11 @@ class Scene:
         return state
 
     def restore(self, state: Floats) -> None:
-        """Go back to a state that `state` gave, warnings forgotten."""
+        """Go back to a state that `state` gave; warnings, and the scraps of a step that failed, are forgotten."""
         import mujoco
 
+        mujoco.mj_resetData(self.model, self.data)
         mujoco.mj_setState(self.model, self.data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
-        for warning in self.data.warning:
-            warning.number = 0
         mujoco.mj_forward(self.model, self.data)
 
 

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from exporters.mjcf import MjcfOptions
-from grainsdem.dynamics.mechanics import Sample, sample
+from grainsdem.dynamics.mechanics import SAMPLE_UNITS, Sample, sample
 from grainsdem.dynamics.scene import Scene, build, quiet
-from grainsdem.dynamics.watch import find_trouble
+from grainsdem.dynamics.watch import TroubleError, find_trouble
 from grainsdem.errors import InputError, UnstableError
 from grainsdem.storage import HistoryWriter
 
@@ -201,9 +201,14 @@ def settle(
                 **asdict(scene.units),
                 "provenance": list(packing.provenance),
             }
-            writer = stack.enter_context(HistoryWriter(history_path, Sample._fields, attributes=attributes))
+            writer = stack.enter_context(HistoryWriter(history_path, SAMPLE_UNITS, attributes=attributes))
         run = _Run(scene, writer, progress, max_time)
-        at_rest = run.until_rest()
+        try:
+            at_rest = run.until_rest()
+        except KeyboardInterrupt as interrupt:
+            if writer is not None:
+                interrupt.add_note(f"the history up to {run.time_in_si():.4g} s is kept in {writer.path}")
+            raise
     report = _report(scene, run, at_rest=at_rest)
     settled = scene.packing().with_step(
         "settle",
@@ -249,10 +254,11 @@ class _Run:
         """Step until the bed is at rest or time is up; return which."""
         good = self.scene.state()
         while self.scene.time() < self.max_time:
-            n_steps = self._advance()
-            now = sample(self.scene)
-            trouble = find_trouble(self.scene, now, self.samples[-1])
-            if trouble is not None:
+            try:
+                n_steps = self._advance()
+                now = sample(self.scene)
+                find_trouble(self.scene, now, self.samples[-1])
+            except (TroubleError, _fatal_error()) as trouble:
                 self._go_back(good, trouble)
                 continue
             good = self.scene.state()
@@ -261,6 +267,10 @@ class _Run:
             if self._is_at_rest():
                 return True
         return False
+
+    def time_in_si(self) -> float:
+        """Return the time [s] of the last good sample."""
+        return self.samples[-1].time * self.scene.units.time
 
     def history(self) -> dict[str, NDArray[Any]]:
         """Return the samples as series in SI where they have a unit."""
@@ -297,7 +307,7 @@ class _Run:
         last = self.samples[-REST_SAMPLES:]
         return all(s.kinetic_energy < REST_ENERGY and s.unbalanced_force < REST_FORCE for s in last)
 
-    def _go_back(self, good: NDArray[np.float64], trouble: str) -> None:
+    def _go_back(self, good: NDArray[np.float64], trouble: Exception) -> None:
         """Return to the last good state with half the time step, or give up."""
         failed_at = self.scene.time() * self.scene.units.time
         self.scene.restore(good)
@@ -306,9 +316,17 @@ class _Run:
                 f"the run went wrong at {failed_at:.6g} s: {trouble}; {HALVINGS} smaller time steps did not help. "
                 f"The last good state is that at {self.scene.time() * self.scene.units.time:.6g} s",
                 self.scene.packing(),
-            )
+            ) from trouble
         self.halvings += 1
         self.scene.set_time_step(self.scene.model.opt.timestep / 2)
+
+
+def _fatal_error() -> type[Exception]:
+    """Return what MuJoCo raises where it cannot go on, for want of memory as a rule."""
+    import mujoco
+
+    kind: type[Exception] = mujoco.FatalError
+    return kind
 
 
 def _report(scene: Scene, run: _Run, *, at_rest: bool) -> SettleReport:

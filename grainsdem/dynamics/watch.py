@@ -9,6 +9,8 @@ import numpy as np
 from grainsdem.errors import name_offenders
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from grainsdem.dynamics.mechanics import Sample
     from grainsdem.dynamics.scene import Scene
 
@@ -19,8 +21,12 @@ ESCAPE_DISTANCE = 1.0
 """A grain's centroid farther than this many diameters outside the container has escaped."""
 
 
-def find_trouble(scene: Scene, now: Sample, before: Sample) -> str | None:
-    """Return what is wrong with the present state, or None.
+class TroubleError(Exception):
+    """What is wrong with a state; the run that meets it goes back to the last good one."""
+
+
+def find_trouble(scene: Scene, now: Sample, before: Sample) -> None:
+    """Raise `TroubleError` where something is wrong with the present state.
 
     Parameters
     ----------
@@ -34,19 +40,18 @@ def find_trouble(scene: Scene, now: Sample, before: Sample) -> str | None:
     data = scene.data
     if not (np.isfinite(data.qpos).all() and np.isfinite(data.qvel).all() and np.isfinite(now.total_energy)):
         bad = np.flatnonzero(~np.isfinite(data.qpos.reshape(scene.n_grains, 7)).all(axis=1))
-        return f"numbers that are not finite, grains {name_offenders(bad)}"
+        raise TroubleError(f"numbers that are not finite, grains {name_offenders(bad)}")
     for kind in range(mujoco.mjtWarning.mjNWARNING):
         if data.warning[kind].number:
-            return f"MuJoCo's warning {mujoco.mjtWarning(kind).name}, {data.warning[kind].lastinfo}"
+            raise TroubleError(f"MuJoCo's warning {mujoco.mjtWarning(kind).name}, {data.warning[kind].lastinfo}")
     if now.total_energy > before.total_energy + ENERGY_SLACK:
-        return f"energy rose from {before.total_energy:.4g} to {now.total_energy:.4g} m g d a grain"
+        raise TroubleError(f"energy rose from {before.total_energy:.4g} to {now.total_energy:.4g} m g d a grain")
     escaped = np.flatnonzero(_distance_outside(scene) > ESCAPE_DISTANCE)
     if escaped.size:
-        return f"{escaped.size} grains left the container: {name_offenders(escaped)}"
-    return None
+        raise TroubleError(f"{escaped.size} grains left the container: {name_offenders(escaped)}")
 
 
-def _distance_outside(scene: Scene) -> np.ndarray:
+def _distance_outside(scene: Scene) -> NDArray[np.float64]:
     """Return how far each centroid lies outside the floor and the side walls, in diameters, shape (n,)."""
     positions, _ = scene.poses()
     lower = scene.source.domain.lower / scene.units.length
