@@ -1,0 +1,147 @@
+"""What touches what: the corner, edge or face of each body that meets the other, and the area that they share."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+VERTEX, EDGE, FACE = 0, 1, 2
+"""Kinds of what a grain touches with, by dimension."""
+
+PARALLEL = 1e-3
+"""Angle [rad] below which a face or an edge lies flat in a contact: across a grain of diameter d its ends then differ
+by less than 1e-3 d, the depth that soft contacts are allowed."""
+
+
+@njit(cache=True)
+def find_feature(x, v0, v1, normals, areas, f0, f1, corners, corner_offsets, edges, e0, e1, nx, ny, nz, polygon):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Find what a body touches with in a direction; return its number of corners, with ``polygon`` their indices."""
+    top, high = v0, -np.inf
+    for k in range(v0, v1):
+        s = nx * x[k, 0] + ny * x[k, 1] + nz * x[k, 2]
+        if s > high:
+            high, top = s, k
+    face, widest = -1, 0.0
+    for f in range(f0, f1):
+        c = nx * normals[f, 0] + ny * normals[f, 1] + nz * normals[f, 2]
+        # 1 − cos θ = θ²/2; the largest face, as slivers may lie beside the one that carries the contact.
+        if c >= 1.0 - 0.5 * PARALLEL * PARALLEL and areas[f] > widest:
+            widest, face = areas[f], f
+    if face >= 0:
+        count = corner_offsets[face + 1] - corner_offsets[face]
+        for c in range(count):
+            polygon[c] = v0 + corners[corner_offsets[face] + c]
+        return count
+    longest = 0.0
+    polygon[0] = top
+    for e in range(e0, e1):
+        p, q = v0 + edges[e, 0], v0 + edges[e, 1]
+        dx, dy, dz = x[q, 0] - x[p, 0], x[q, 1] - x[p, 1], x[q, 2] - x[p, 2]
+        length = np.sqrt(dx * dx + dy * dy + dz * dz)
+        rise = nx * dx + ny * dy + nz * dz
+        reached = max(nx * x[p, 0] + ny * x[p, 1] + nz * x[p, 2], nx * x[q, 0] + ny * x[q, 1] + nz * x[q, 2])
+        if abs(rise) <= PARALLEL * length and high - reached <= PARALLEL * length and length > longest:
+            longest = length
+            polygon[0], polygon[1] = p, q
+    return 2 if longest > 0.0 else 1
+
+
+@njit(cache=True)
+def basis(n, u, w):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Fill two unit vectors such that (u, w, n) is right-handed."""
+    if abs(n[0]) <= abs(n[1]) and abs(n[0]) <= abs(n[2]):
+        u[0], u[1], u[2] = 0.0, n[2], -n[1]
+    elif abs(n[1]) <= abs(n[2]):
+        u[0], u[1], u[2] = -n[2], 0.0, n[0]
+    else:
+        u[0], u[1], u[2] = n[1], -n[0], 0.0
+    norm = np.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
+    u[0], u[1], u[2] = u[0] / norm, u[1] / norm, u[2] / norm
+    w[0] = n[1] * u[2] - n[2] * u[1]
+    w[1] = n[2] * u[0] - n[0] * u[2]
+    w[2] = n[0] * u[1] - n[1] * u[0]
+
+
+@njit(cache=True)
+def project(x, polygon, count, tx, ty, tz, u, w, flat):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Lay a polygon into the plane of (u, w)."""
+    for c in range(count):
+        k = polygon[c]
+        px, py, pz = x[k, 0] + tx, x[k, 1] + ty, x[k, 2] + tz
+        flat[c, 0] = u[0] * px + u[1] * py + u[2] * pz
+        flat[c, 1] = w[0] * px + w[1] * py + w[2] * pz
+
+
+@njit(cache=True)
+def clip(subject, n_subject, window, n_window, turn, spare):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Cut a polygon, segment or point by a convex polygon (Sutherland and Hodgman); return its number of corners.
+
+    ``turn`` is 1 where the window runs counter-clockwise, else −1. The result lies in ``subject``.
+    """
+    count = n_subject
+    for e in range(n_window):
+        a, b = e, (e + 1) % n_window
+        ex, ey = turn * (window[b, 0] - window[a, 0]), turn * (window[b, 1] - window[a, 1])
+        kept = 0
+        for c in range(count):
+            d = (c + 1) % count
+            here = ex * (subject[c, 1] - window[a, 1]) - ey * (subject[c, 0] - window[a, 0])
+            there = ex * (subject[d, 1] - window[a, 1]) - ey * (subject[d, 0] - window[a, 0])
+            if here >= 0.0:
+                spare[kept] = subject[c]
+                kept += 1
+            if (here > 0.0 and there < 0.0) or (here < 0.0 and there > 0.0):
+                s = here / (here - there)
+                spare[kept, 0] = subject[c, 0] + s * (subject[d, 0] - subject[c, 0])
+                spare[kept, 1] = subject[c, 1] + s * (subject[d, 1] - subject[c, 1])
+                kept += 1
+        count = kept
+        for c in range(count):
+            subject[c] = spare[c]
+        if count == 0:
+            return 0
+    return count
+
+
+@njit(cache=True)
+def area_and_centre(polygon, count, centre):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Return the area of a flat polygon and fill its centroid; the mean of its corners where it has no area."""
+    area = mx = my = 0.0
+    for c in range(1, count - 1):
+        ax, ay = polygon[c, 0] - polygon[0, 0], polygon[c, 1] - polygon[0, 1]
+        bx, by = polygon[c + 1, 0] - polygon[0, 0], polygon[c + 1, 1] - polygon[0, 1]
+        part = 0.5 * (ax * by - ay * bx)
+        area += part
+        mx += part * (ax + bx) / 3.0
+        my += part * (ay + by) / 3.0
+    size = 0.0
+    for c in range(count):
+        size = max(size, abs(polygon[c, 0] - polygon[0, 0]), abs(polygon[c, 1] - polygon[0, 1]))
+    # A segment cut by a window comes back as a polygon whose area is rounding alone.
+    if abs(area) > 1e-14 * size * size:
+        centre[0], centre[1] = polygon[0, 0] + mx / area, polygon[0, 1] + my / area
+        return abs(area)
+    centre[0] = polygon[:count, 0].mean()
+    centre[1] = polygon[:count, 1].mean()
+    return 0.0
+
+
+@njit(cache=True)
+def nearest_on_segments(p, q, r, s, on_first, on_second):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Fill the closest points of the segments p–q and r–s."""
+    a = e = f = b = c = 0.0
+    for k in range(3):
+        a += (q[k] - p[k]) * (q[k] - p[k])
+        e += (s[k] - r[k]) * (s[k] - r[k])
+        f += (s[k] - r[k]) * (p[k] - r[k])
+        c += (q[k] - p[k]) * (p[k] - r[k])
+        b += (q[k] - p[k]) * (s[k] - r[k])
+    across = a * e - b * b
+    u = min(max((b * f - c * e) / across, 0.0), 1.0) if across > 1e-14 * a * e else 0.5
+    w = (b * u + f) / e if e > 0.0 else 0.0
+    if w < 0.0 or w > 1.0 or e == 0.0:
+        w = min(max(w, 0.0), 1.0)
+        u = min(max((b * w - c) / a, 0.0), 1.0) if a > 0.0 else 0.0
+    for k in range(3):
+        on_first[k] = p[k] + u * (q[k] - p[k])
+        on_second[k] = r[k] + w * (s[k] - r[k])
