@@ -79,7 +79,7 @@ def percentiles(values: ArrayLike, q: ArrayLike, *, weights: ArrayLike | None = 
         )
     if not ((percentages >= 0) & (percentages <= 100)).all():
         raise InputError(f"percentages must lie in [0, 100]; got {percentages.tolist()}")
-    order = np.argsort(x, kind="stable")
+    order = np.lexsort((w, x))  # equal values by their weight: the order they are given in must not matter
     order = order[w[order] > 0]  # a grain that counts for nothing must not bend the curve
     x, w = x[order], w[order]
     running = np.cumsum(w)
