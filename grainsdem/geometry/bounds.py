@@ -136,9 +136,7 @@ def near_images(packing: Packing, within: float = 0.0, *, grains: NDArray[np.int
     return _wrapped(packing, lower, upper, within, chosen)
 
 
-def _wrapped(
-    packing: Packing, lower: Floats, upper: Floats, within: float, chosen: NDArray[np.int64]
-) -> Images:
+def _wrapped(packing: Packing, lower: Floats, upper: Floats, within: float, chosen: NDArray[np.int64]) -> Images:
     """Find pairs among the boxes moved into the domain and the images of those that reach over its edge."""
     domain = packing.domain
     period = np.where(domain.periodic, domain.lengths, np.inf)
@@ -172,9 +170,7 @@ def _once(i: NDArray[np.int64], j: NDArray[np.int64], shifts: NDArray[np.int64])
     # (j, i) at the opposite shift is the same contact; a grain and itself are turned by the shift's sign.
     leading = shifts[np.arange(len(shifts)), np.argmax(shifts != 0, axis=1)] if len(shifts) else np.empty(0)
     turn = (i > j) | ((i == j) & (leading < 0))
-    rows = np.column_stack(
-        [np.where(turn, j, i), np.where(turn, i, j), np.where(turn[:, None], -shifts, shifts)]
-    )
+    rows = np.column_stack([np.where(turn, j, i), np.where(turn, i, j), np.where(turn[:, None], -shifts, shifts)])
     rows = np.unique(rows, axis=0)
     return Images(rows[:, :2].astype(np.int32), rows[:, 2:].astype(np.int32))
 

@@ -104,13 +104,7 @@ def _tetrahedron(w, weights, v):  # type: ignore[no-untyped-def]  # noqa: ANN001
             if distance < best:
                 best, chosen = distance, f
     i, j, k, o = (
-        (0, 1, 2, 3)
-        if chosen == 0
-        else (0, 1, 3, 2)
-        if chosen == 1
-        else (0, 2, 3, 1)
-        if chosen == 2
-        else (1, 2, 3, 0)
+        (0, 1, 2, 3) if chosen == 0 else (0, 1, 3, 2) if chosen == 1 else (0, 2, 3, 1) if chosen == 2 else (1, 2, 3, 0)
     )
     weights[o] = 0.0
     return _triangle(w, i, j, k, weights, v)

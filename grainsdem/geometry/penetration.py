@@ -40,9 +40,7 @@ def _try_face(x, a0, a1, b0, b1, t, normals, f, sign, best, n):  # type: ignore[
 @njit(cache=True)
 def _room(normals, heights, f, p, ox, oy, oz):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Return how deep a point lies under a face's plane."""
-    return heights[f] - (
-        normals[f, 0] * (p[0] - ox) + normals[f, 1] * (p[1] - oy) + normals[f, 2] * (p[2] - oz)
-    )
+    return heights[f] - (normals[f, 0] * (p[0] - ox) + normals[f, 1] * (p[1] - oy) + normals[f, 2] * (p[2] - oz))
 
 
 @njit(cache=True)
@@ -70,7 +68,9 @@ def search_faces(x, a0, a1, b0, b1, t, normals, heights, fa0, fa1, fb0, fb1, pa,
 
 
 @njit(cache=True)
-def search_edges(x, t, normals, heights, edges, a, b, edge_offsets, vertex_offsets, face_offsets, pa, pb, best, n, picked):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def search_edges(
+    x, t, normals, heights, edges, a, b, edge_offsets, vertex_offsets, face_offsets, pa, pb, best, n, picked
+):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Return the largest separation along cross products of edges, where above ``best``.
 
     ``edges`` holds, for every edge, its two vertices and the two faces beside it, local to the grain. ``picked``

@@ -234,7 +234,29 @@ def _find_edges(face_offsets, corners, corner_offsets, ends, most, edges, found)
 
 
 @njit(cache=True, parallel=True)
-def _measure(x, vertex_offsets, face_offsets, corners, corner_offsets, normals, heights, face_areas, edges, edge_offsets, pairs, offsets, limit, room, gaps, axes, firsts, seconds, centres, areas, features):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202, E501
+def _measure(
+    x,
+    vertex_offsets,
+    face_offsets,
+    corners,
+    corner_offsets,
+    normals,
+    heights,
+    face_areas,
+    edges,
+    edge_offsets,
+    pairs,
+    offsets,
+    limit,
+    room,
+    gaps,
+    axes,
+    firsts,
+    seconds,
+    centres,
+    areas,
+    features,
+):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202, E501
     m = len(pairs)
     for block in prange((m + CHUNK - 1) // CHUNK):
         simplex, made, weights = np.empty((4, 3)), np.empty((4, 2), dtype=np.int64), np.empty(4)
@@ -316,7 +338,9 @@ def _measure(x, vertex_offsets, face_offsets, corners, corner_offsets, normals, 
 
 
 @njit(cache=True)
-def _solve_near(x, vertex_offsets, face_offsets, normals, heights, edges, edge_offsets, a, b, t, pa, pb, size, n, picked, sa, sb):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202, E501
+def _solve_near(
+    x, vertex_offsets, face_offsets, normals, heights, edges, edge_offsets, a, b, t, pa, pb, size, n, picked, sa, sb
+):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202, E501
     """Return the signed gap of bodies that touch, overlap or nearly do; fill its normal and the deepest points."""
     a0, a1, b0, b1 = vertex_offsets[a], vertex_offsets[a + 1], vertex_offsets[b], vertex_offsets[b + 1]
     fa0, fa1, fb0, fb1 = face_offsets[a], face_offsets[a + 1], face_offsets[b], face_offsets[b + 1]
@@ -332,9 +356,7 @@ def _solve_near(x, vertex_offsets, face_offsets, normals, heights, edges, edge_o
     apart = np.sqrt(apart)
     if best < apart - 1e-12 * size:
         # A small head start lets equal directions lose to a face normal, which is the exact one.
-        best = search_faces(
-            x, a0, a1, b0, b1, t, normals, heights, fa0, fa1, fb0, fb1, pa, pb, best - 1e-13 * size, n
-        )
+        best = search_faces(x, a0, a1, b0, b1, t, normals, heights, fa0, fa1, fb0, fb1, pa, pb, best - 1e-13 * size, n)
     if best < -1e-13 * size:
         best = search_edges(
             x, t, normals, heights, edges, a, b, edge_offsets, vertex_offsets, face_offsets, pa, pb, best, n, picked

@@ -112,9 +112,7 @@ def neighbor_contacts(packing: Packing) -> ContactGraph:
     return ContactGraph(len(packing), pairs[order], gaps[order], n[order], centres[order], areas[order])
 
 
-def _facing(
-    i: NDArray[np.int64], j: NDArray[np.int64], shifts: NDArray[np.int64], n: int
-) -> NDArray[np.int64]:
+def _facing(i: NDArray[np.int64], j: NDArray[np.int64], shifts: NDArray[np.int64], n: int) -> NDArray[np.int64]:
     """Return, for every face from i to an image of j, the face that looks back; -1 where there is none."""
     most = int(np.abs(shifts).max(initial=0))
     base = 2 * most + 1
