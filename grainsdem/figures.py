@@ -7,6 +7,7 @@ opened, and the global state of matplotlib is left as it was.
 from __future__ import annotations
 
 from contextlib import contextmanager
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -368,7 +369,7 @@ def _add_grains(pv: Any, plotter: Any, packing: Packing, values: NDArray[np.floa
     plotter.add_mesh(
         mesh,
         scalars="value",
-        cmap="twilight" if label is None else "viridis",
+        cmap="Spectral" if label is None else "viridis",
         clim=None if spread else (0.99 * values[0], 1.01 * values[0]),
         show_scalar_bar=label is not None,
         scalar_bar_args=scale,
@@ -381,6 +382,15 @@ def _add_grains(pv: Any, plotter: Any, packing: Packing, values: NDArray[np.floa
         diffuse=0.8,
         specular=0.05,
     )
+
+
+def _reach(plotter: Any, bounds: NDArray[np.float64]) -> float:
+    """Return how far the box reaches from the middle of the picture; 1 is its border."""
+    width, height = plotter.window_size
+    matrix = plotter.camera.GetCompositeProjectionTransformMatrix(width / height, -1.0, 1.0)
+    rows = np.array([[matrix.GetElement(i, j) for j in range(4)] for i in range(4)])
+    corners = np.array([[*corner, 1.0] for corner in product(bounds[:2], bounds[2:4], bounds[4:])]) @ rows.T
+    return float(np.abs(corners[:, :2] / corners[:, 3:]).max())
 
 
 def _add_light_and_camera(pv: Any, plotter: Any, packing: Packing) -> None:
@@ -396,6 +406,6 @@ def _add_light_and_camera(pv: Any, plotter: Any, packing: Packing) -> None:
     plotter.camera_position = [(3.0, -4.2, 2.2), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)]
     plotter.camera.view_angle = 22.0
     plotter.reset_camera()
-    plotter.camera.zoom(1.12)
+    plotter.camera.zoom(0.94 / _reach(plotter, bounds))
     for position, strength in (((-2.0, -3.0, 4.0), 0.75), ((4.0, -2.0, 2.0), 0.35), ((0.0, 4.0, 1.0), 0.2)):
         plotter.add_light(pv.Light(position=position, focal_point=(0, 0, 0), intensity=strength))

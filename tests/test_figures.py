@@ -1,0 +1,180 @@
+from __future__ import annotations
+
+import builtins
+
+import numpy as np
+import pytest
+from conftest import cube_packing
+
+from grainsdem.errors import FileFormatError, InputError, MissingPackageError, ShapeError, WriteError
+from grainsdem.figures import coordination_histogram, energy_plot, render, size_histogram
+from grainsdem.model import ContactGraph, Domain, Packing, Polyhedra
+
+
+def pixels(path):
+    """Return the picture as floats in [0, 1], shape (height, width, 3), read by matplotlib."""
+    from matplotlib.image import imread
+
+    return imread(path)[..., :3]
+
+
+def is_ink(image, *, saturation=0.05):
+    """Return where a picture is coloured: neither white nor a grey line."""
+    return np.ptp(image, axis=2) > saturation
+
+
+def graph(n, pairs):
+    m = len(pairs)
+    return ContactGraph(n, pairs, np.zeros(m), np.tile([1.0, 0, 0], (m, 1)), np.zeros((m, 3)), np.zeros(m))
+
+
+def nothing():
+    return Packing(Polyhedra(np.empty((0, 3)), [0], [0], [], [0]), np.empty((0, 3)), np.empty((0, 4)), [], Domain())
+
+
+@pytest.mark.client
+def test_a_render_of_a_bed_has_its_size_a_white_ground_and_many_shades(fresh, tmp_path):
+    image = pixels(render(fresh, tmp_path / "bed.png", size=(600, 450)))
+    assert image.shape == (450, 600, 3)
+    np.testing.assert_array_equal(image[[0, 0, -1, -1], [0, -1, 0, -1]], 1)
+    share = is_ink(image).mean()
+    assert 0.15 < share < 0.7
+    assert len(np.unique((image * 255).astype(np.uint8).reshape(-1, 3), axis=0)) > 500
+
+
+@pytest.mark.client
+def test_a_cube_of_twice_the_edge_covers_four_times_the_area(tmp_path):
+    # Side by side, across the line of sight, so that perspective shows both alike.
+    across = np.array([4.2, 3.0, 0.0]) / np.hypot(4.2, 3.0)
+    middle = np.array([5.0, 5.0, 5.0])
+    small = cube_packing([middle - 2 * across], half=0.6)
+    large = cube_packing([middle + 2 * across], half=1.2)
+    shapes = Polyhedra(
+        np.vstack([small.grains.vertices, large.grains.vertices]),
+        [0, 8, 16],
+        [0, 6, 12],
+        np.tile(small.grains.face_vertices, 2),
+        4 * np.arange(13),
+    )
+    both = Packing(shapes, [*small.positions, *large.positions], np.eye(4)[[0, 0]], [1, 1], Domain.cube(10.0))
+    image = pixels(render(both, tmp_path / "a.png", color_by="id", size=(800, 600)))
+    columns = np.flatnonzero(is_ink(image).any(axis=0))
+    gap = columns[np.argmax(np.diff(columns))]
+    areas = is_ink(image)[:, : gap + 1].sum(), is_ink(image)[:, gap + 1 :].sum()
+    assert areas[1] / areas[0] == pytest.approx(4, rel=0.1)
+    assert areas[0] > 1000
+
+
+@pytest.mark.client
+def test_ids_are_told_apart_by_colour(tmp_path):
+    packing = cube_packing([[2, 2, 2], [5, 2, 2], [8, 2, 2]], domain=Domain.box((10.0, 4.0, 4.0)))
+    image = pixels(render(packing, tmp_path / "a.png", color_by="id", size=(600, 450)))
+    colours = (image[is_ink(image, saturation=0.2)] * 8).astype(int)
+    hues = {tuple(c) for c in np.unique(colours, axis=0)}
+    assert len(hues) >= 6  # three grains with three visible faces each, some shades alike
+
+
+@pytest.mark.client
+@pytest.mark.parametrize("color_by", ["diameter", "sphericity", "height"])
+def test_every_quantity_can_colour_the_grains(fresh, tmp_path, color_by):
+    assert is_ink(pixels(render(fresh, tmp_path / "a.png", color_by=color_by, size=(300, 200)))).any()
+
+
+@pytest.mark.unit
+def test_grains_of_one_size_and_very_small_grains_can_be_drawn(tmp_path):
+    packing = cube_packing([[3e-7, 3e-7, 3e-7]], half=1e-7, domain=Domain.cube(1e-6))
+    assert is_ink(pixels(render(packing, tmp_path / "a.png", size=(300, 200)))).any()
+    assert size_histogram(packing, tmp_path / "b.png").is_file()
+
+
+@pytest.mark.unit
+def test_without_pyvista_a_render_says_how_to_install_it(fresh, tmp_path, monkeypatch):
+    original = builtins.__import__
+
+    def refuse(name, *args, **kwargs):
+        if name.partition(".")[0] == "pyvista":
+            raise ImportError(name)
+        return original(name, *args, **kwargs)
+
+    monkeypatch.setattr(builtins, "__import__", refuse)
+    with pytest.raises(MissingPackageError, match=r'pip install "grainsdem\[viz\]"'):
+        render(fresh, tmp_path / "a.png")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.golden
+def test_plots_repeat_to_the_byte_and_hold_no_version(fresh, tmp_path):
+    history = {"time": [0, 1, 2, 3], "kinetic_energy": [1, 1e-2, 0, 1e-6]}
+    pairs = [[0, 1], [1, 2], [2, 3], [1, 3]]
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        size_histogram(fresh, tmp_path / name / "sizes.png", sieves=[8e-4, 1e-3, 1.2e-3])
+        coordination_histogram(graph(5, pairs), tmp_path / name / "coordination.png")
+        energy_plot(history, tmp_path / name / "energy.png")
+    for file in ("sizes.png", "coordination.png", "energy.png"):
+        content = (tmp_path / "a" / file).read_bytes()
+        assert content == (tmp_path / "b" / file).read_bytes()
+        assert b"atplotlib" not in content
+        assert is_ink(pixels(tmp_path / "a" / file)).mean() > 0.002
+
+
+@pytest.mark.client
+def test_drawing_leaves_matplotlib_as_it_was(tmp_path):
+    import matplotlib as mpl
+
+    before = dict(mpl.rcParams)
+    energy_plot({"time": [0, 1], "kinetic_energy": [1, 0.1]}, tmp_path / "a.png")
+    assert dict(mpl.rcParams) == before
+
+
+@pytest.mark.unit
+def test_the_curve_carries_the_percentiles_by_mass(fresh, tmp_path, monkeypatch):
+    from matplotlib.axes import Axes
+
+    from grainsdem.measures import diameters, masses, percentiles
+
+    texts = []
+    monkeypatch.setattr(Axes, "annotate", lambda _, text, *args, **kwargs: texts.append(text))  # noqa: ARG005
+    size_histogram(fresh, tmp_path / "a.png")
+    d = percentiles(diameters(fresh.grains), (10, 50, 90), weights=masses(fresh)) * 1e3
+    assert [t.split(" = ")[1] for t in texts] == [f"{x:#.3g} mm" for x in d]
+
+
+@pytest.mark.unit
+def test_other_suffixes_and_folders_that_are_not_there_are_refused(fresh, tmp_path):
+    for draw in (
+        lambda p: render(fresh, p),
+        lambda p: size_histogram(fresh, p),
+        lambda p: coordination_histogram(graph(2, [[0, 1]]), p),
+        lambda p: energy_plot({"time": [0], "kinetic_energy": [1]}, p),
+    ):
+        with pytest.raises(FileFormatError, match=r"written as \.png; got '\.jpg'"):
+            draw(tmp_path / "a.jpg")
+        with pytest.raises(WriteError, match="cannot be written"):
+            draw(tmp_path / "nowhere" / "a.png")
+
+
+@pytest.mark.unit
+def test_what_cannot_be_drawn_is_refused(fresh, tmp_path):
+    path = tmp_path / "a.png"
+    with pytest.raises(InputError, match="no grains"):
+        render(nothing(), path)
+    with pytest.raises(InputError, match="no grains"):
+        size_histogram(nothing(), path)
+    with pytest.raises(InputError, match="no grains"):
+        coordination_histogram(graph(0, np.empty((0, 2))), path)
+    with pytest.raises(InputError, match="color_by must be diameter, sphericity, height, id or one value"):
+        render(fresh, path, color_by="mood")
+    with pytest.raises(InputError, match="one finite value a grain"):
+        render(fresh, path, color_by=[1.0, 2.0])
+    with pytest.raises(InputError, match="16 to 16384 pixels"):
+        render(fresh, path, size=(0, 100))
+    with pytest.raises(InputError, match="sieve openings must be positive"):
+        size_histogram(fresh, path, sieves=[0.0, 1e-3])
+    with pytest.raises(InputError, match="it lacks kinetic_energy"):
+        energy_plot({"time": [0.0]}, path)
+    with pytest.raises(ShapeError, match=r"got \(2,\) and \(1,\)"):
+        energy_plot({"time": [0.0, 1.0], "kinetic_energy": [1.0]}, path)
+    with pytest.raises(InputError, match="no sample of the history has kinetic energy"):
+        energy_plot({"time": [0.0], "kinetic_energy": [0.0]}, path)
+    assert list(tmp_path.iterdir()) == []
