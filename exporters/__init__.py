@@ -28,7 +28,11 @@ FORMATS = {
 
 
 def write(
-    packing: Packing, path: str | os.PathLike[str], *, overwrite: bool = True, **options: Any
+    packing: Packing,
+    path: str | os.PathLike[str],
+    *,
+    overwrite: bool = True,
+    **options: Any,
 ) -> list[Path]:
     """Write a packing; the suffix of the path picks the format.
 
@@ -52,7 +56,8 @@ def write(
     Raises
     ------
     InputError
-        If the suffix or an option is unknown, an option is out of range, or the packing is empty or not finite.
+        If the suffix or an option is unknown, an option is out of range, or the packing is empty or not
+        finite.
     WriteError
         If a file exists and ``overwrite`` is false, or cannot be written.
     """
@@ -65,7 +70,13 @@ def write(
     return write_all(path.parent, content)
 
 
-def files(packing: Packing, suffix: str, *, name: str = "bed", **options: Any) -> dict[str, bytes]:
+def files(
+    packing: Packing,
+    suffix: str,
+    *,
+    name: str = "bed",
+    **options: Any,
+) -> dict[str, bytes]:
     """Return what `write` would write: file name to bytes.
 
     Parameters
@@ -89,9 +100,7 @@ def files(packing: Packing, suffix: str, *, name: str = "bed", **options: Any) -
     unknown = [option for option in options if option not in known]
     if unknown:
         raise InputError(f"{suffix} has no option {', '.join(unknown)}; it has {', '.join(known)}")
-    content: dict[str, bytes] = module.files(
-        packing, name=name, suffix=suffix, options=module.Options(**options)
-    )
+    content: dict[str, bytes] = module.files(packing, name=name, suffix=suffix, options=module.Options(**options))
     return content
 
 

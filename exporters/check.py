@@ -14,6 +14,8 @@ from grainsdem.ragged import owners
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    from numpy.typing import NDArray
+
     from grainsdem.model import Packing
 
 
@@ -23,8 +25,8 @@ def measured(packing: Packing) -> Integrals:
     Raises
     ------
     InputError
-        If there is no grain, a number is not finite, a density is not positive, a quaternion is not of unit length,
-        or a grain has no positive volume (its faces are wound inward, or it is flat).
+        If there is no grain, a number is not finite, a density is not positive, a quaternion is not of unit
+        length, or a grain has no positive volume (its faces are wound inward, or it is flat).
     """
     if len(packing) == 0:
         raise InputError("a packing to be written must hold at least one grain; got 0")
@@ -39,16 +41,14 @@ def measured(packing: Packing) -> Integrals:
 
 
 def grain_names(packing: Packing) -> list[str]:
-    """Return the names of the grains, in order: g000000, g000001, …"""
+    """Return the names of the grains in their order, from g000000."""
     return [f"g{i:06d}" for i in range(len(packing))]
 
 
 def check_positive(name: str, value: float, *, or_zero: bool = False) -> None:
     """Raise `InputError` unless ``value`` is a finite number above zero (or zero)."""
     if not (math.isfinite(value) and (value > 0 or (or_zero and value == 0))):
-        raise InputError(
-            f"{name} must be {'zero or more' if or_zero else 'positive'} and finite; got {value}"
-        )
+        raise InputError(f"{name} must be {'zero or more' if or_zero else 'positive'} and finite; got {value}")
 
 
 def check_name(name: str) -> None:
@@ -72,7 +72,7 @@ def _refuse_not_finite(packing: Packing) -> None:
     refuse("the vertices, positions, quaternions and densities of grains must be finite", bad)
 
 
-def refuse(rule: str, bad: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> None:
+def refuse(rule: str, bad: NDArray[np.bool_]) -> None:
     """Raise `InputError` with the rule and the first grains that break it."""
     if bad.any():
         raise InputError(f"{rule}; not so: {name_offenders(np.flatnonzero(bad))}")

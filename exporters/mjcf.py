@@ -1,8 +1,8 @@
 """MuJoCo's MJCF: every grain a free body with a convex mesh, the container, and the settings that suit them.
 
-The text is in grain units (`exporters.units`): lengths in median grain diameters, density and gravity one. MuJoCo refuses
-bodies whose inertia is below 1e-15, which quartz in SI is under about 0.45 mm. The factors back to SI stand in the file's
-``<custom>`` element and in a comment.
+The text is in grain units (`exporters.units`): lengths in median grain diameters, density and gravity one.
+MuJoCo refuses bodies whose inertia is below 1e-15, which quartz in SI is under about 0.45 mm. The factors
+back to SI stand in the file's ``<custom>`` element and in a comment.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from exporters.check import check_choice, check_name, check_positive, grain_names, measured, refuse
+from exporters.container import GRAIN_COLOURS, container_box, shades
 from exporters.text import rows_of_text, table_of_text
 from exporters.units import GrainUnits, units, units_of
 from grainsdem.geometry.rotations import world_vertices
@@ -31,15 +32,6 @@ if TYPE_CHECKING:
 __all__ = ["GrainUnits", "MjcfOptions", "files", "text", "units"]
 
 _ITERATIONS = {"PGS": 30, "CG": 100, "Newton": 100}
-
-_COLOURS = {
-    "quartz": "0.87 0.80 0.66 1",
-    "amber": "0.83 0.65 0.40 1",
-    "feldspar": "0.85 0.62 0.50 1",
-    "flint": "0.55 0.50 0.45 1",
-    "chalk": "0.93 0.90 0.83 1",
-    "slate": "0.62 0.63 0.62 1",
-}
 
 _DOCUMENT = Template("""\
 <mujoco model=$name>
@@ -75,14 +67,16 @@ _DOCUMENT = Template("""\
     </default>
   </default>
   <asset>
-    <texture name="sky" type="skybox" builtin="gradient" rgb1="0.96 0.97 0.98" rgb2="0.72 0.78 0.84" width="256" height="1536"/>
+    <texture name="sky" type="skybox" builtin="gradient" rgb1="0.96 0.97 0.98" rgb2="0.72 0.78 0.84"
+             width="256" height="1536"/>
     <material name="floor" rgba="0.78 0.78 0.76 1" specular="0.1" shininess="0.1"/>
     <material name="wall" rgba="0.55 0.65 0.72 0.16" specular="0.2" shininess="0.4"/>
 $materials
 $meshes
   </asset>
   <worldbody>
-    <light name="sun" pos="$sun" dir="$sunlight" directional="true" diffuse="0.72 0.70 0.66" specular="0.12 0.12 0.12"/>
+    <light name="sun" pos="$sun" dir="$sunlight" directional="true" diffuse="0.72 0.70 0.66"
+           specular="0.12 0.12 0.12"/>
     <camera name="view" pos="$eye" xyaxes="$eye_axes" fovy="38"/>
 $container
 $bodies
@@ -90,7 +84,7 @@ $bodies
 </mujoco>
 """)
 
-_MATERIAL = '    <material name="%s" rgba="%s" specular="0.18" shininess="0.25"/>'
+_MATERIAL = '    <material name="%s" rgba="%g %g %g 1" specular="0.18" shininess="0.25"/>'
 _MESH = '    <mesh name="%s" vertex="%s" face="%s"/>'
 _WALL = '      <geom name="%s" class="wall" pos="%s" quat="%s" size="%s" material="%s"/>'
 _FREE = '<freejoint name="%s"/>'
@@ -131,8 +125,8 @@ class MjcfOptions:
     contact_width : float
         Depth, in median diameters, over which a contact reaches its full stiffness.
     walls : {"box", "floor", "none"}
-        Container from the packing's domain: floor and four walls, floor only, or nothing. There is no lid. A wall of a
-        periodic axis stands where the outermost grain ends, since cells reach over periodic boundaries.
+        Container from the packing's domain: floor and four walls, floor only, or nothing. There is no lid. A
+        wall of a periodic axis stands where the outermost grain ends: cells reach over periodic boundaries.
     memory : int, optional
         Memory [bytes] that MuJoCo sets aside for contacts; from the number of grains by default.
 
@@ -200,18 +194,20 @@ def text(packing: Packing, options: MjcfOptions | None = None, *, name: str = "b
     Raises
     ------
     InputError
-        If the packing is empty, holds numbers that are not finite, or grains too small beside the median for MuJoCo.
+        If the packing is empty, holds numbers that are not finite, or grains too small beside the median for
+        MuJoCo.
     """
     options = options or MjcfOptions()
     integrals = measured(packing)
     scales = units_of(integrals.volumes, packing.densities, options.gravity)
-    world = world_vertices(packing) / scales.length
-    lower, upper = _container_box(packing, world, scales)
+    world = world_vertices(packing)
+    lower, upper = (corner / scales.length for corner in container_box(packing, world))
+    world /= scales.length
     return _DOCUMENT.substitute(
         _settings(packing, options, scales),
         **_picture(world.min(axis=0), world.max(axis=0), lower),
         name=quoteattr(name),
-        materials="\n".join([_MATERIAL % item for item in _COLOURS.items()]),
+        materials="\n".join([_MATERIAL % (name, *rgb) for name, rgb in GRAIN_COLOURS.items()]),
         meshes=_meshes(packing, scales),
         container=_container(lower, upper, options, is_planar=packing.domain.is_planar),
         bodies=_bodies(packing, integrals, scales),
@@ -251,16 +247,9 @@ def _settings(packing: Packing, options: MjcfOptions, scales: GrainUnits) -> dic
 
 def _memory(n_grains: int) -> int:
     """Return the arena [bytes] for a bed of so many grains."""
-    # Beds of 300 to 1500 grains that settle in place use 15 to 40 kB a grain; MuJoCo touches only what it uses.
+    # Beds that settle in place use 15 to 40 kB a grain; of what is set aside MuJoCo touches only what it
+    # uses.
     return (16 << 20) + n_grains * (256 << 10)
-
-
-def _container_box(packing: Packing, world: Floats, scales: GrainUnits) -> tuple[Floats, Floats]:
-    """Return the corners of the container in grain units."""
-    domain = packing.domain
-    lower, upper = domain.lower / scales.length, domain.upper / scales.length
-    reach_lower, reach_upper = np.minimum(lower, world.min(axis=0)), np.maximum(upper, world.max(axis=0))
-    return np.where(domain.periodic, reach_lower, lower), np.where(domain.periodic, reach_upper, upper)
 
 
 def _picture(lower: Floats, upper: Floats, floor: Floats) -> dict[str, str]:
@@ -268,9 +257,7 @@ def _picture(lower: Floats, upper: Floats, floor: Floats) -> dict[str, str]:
     centre = (lower + upper) / 2
     extent = float(np.linalg.norm(upper - lower))
     azimuth, elevation, tangent = np.radians(125.0), np.radians(22.0), np.tan(np.radians(19.0))
-    back = -np.array(
-        [np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), -np.sin(elevation)]
-    )
+    back = -np.array([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), -np.sin(elevation)])
     right = np.cross([0.0, 0.0, 1.0], back)
     right /= np.linalg.norm(right)
     eye = centre + back * (0.62 * extent / tangent)
@@ -332,9 +319,7 @@ def _bodies(packing: Packing, integrals: Integrals, scales: GrainUnits) -> str:
     digits = 9 + max(0, int(np.ceil(np.log10(max(np.abs(positions).max(), 1.0)))))
     names = grain_names(packing)
     joint = _PLANAR if packing.domain.is_planar else _FREE
-    palette = list(_COLOURS)
-    # Multiples of the golden ratio spread any number of colours evenly, neighbours in number included.
-    shades = (np.arange(len(names)) * 0.6180339887498949 % 1.0 * len(palette)).astype(int).tolist()
+    colours = list(GRAIN_COLOURS)
     rows = zip(
         names,
         table_of_text(positions.round(9), digits=min(digits, 17)),
@@ -345,7 +330,7 @@ def _bodies(packing: Packing, integrals: Integrals, scales: GrainUnits) -> str:
         table_of_text(inertias),
         names,
         names,
-        [palette[shade] for shade in shades],
+        [colours[shade] for shade in shades(len(names))],
         strict=True,
     )
     return "\n".join([_BODY % row for row in rows])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,13 +11,44 @@ from grainsdem.ragged import offsets_from_counts
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-# Rows that are formatted at once: enough that the format dominates, few enough that its list of numbers stays small.
+# Rows formatted at once: enough that the format dominates, few enough that its list of numbers stays small.
 _BLOCK = 4096
 
 
-def rows_of_text(
-    values: NDArray[np.float64] | NDArray[np.int32], counts: ArrayLike, *, digits: int = 9
-) -> list[str]:
+def filled(pattern: str, values: NDArray[Any], repeats: ArrayLike, *, separator: str = "") -> list[str]:
+    """Return rows of text: a pattern repeated, filled with the next numbers.
+
+    Parameters
+    ----------
+    pattern : str
+        Text with %-formats.
+    values : ndarray
+        The numbers of all rows, one after another; any shape.
+    repeats : array_like of int, shape (n,)
+        How often the pattern stands in each row.
+    separator : str
+        What stands between the patterns of a row.
+
+    Examples
+    --------
+    >>> filled("(%d, %d)", np.arange(6), [1, 2])
+    ['(0, 1)', '(2, 3)(4, 5)']
+    """
+    flat = values.ravel()
+    times = np.asarray(repeats, dtype=np.int64)
+    offsets = offsets_from_counts(times * pattern.count("%"))
+    patterns = {k: separator.join([pattern] * k) for k in np.unique(times).tolist()}
+    rows: list[str] = []
+    for start in range(0, times.size, _BLOCK):
+        stop = min(start + _BLOCK, times.size)
+        # Adding zero makes minus zero zero.
+        block = flat[offsets[start] : offsets[stop]] + 0
+        template = "\0".join([patterns[k] for k in times[start:stop].tolist()])
+        rows += (template % tuple(block.tolist())).split("\0")
+    return rows
+
+
+def rows_of_text(values: NDArray[Any], counts: ArrayLike, *, digits: int = 9) -> list[str]:
     """Return rows of numbers, separated by blanks, as one string a row.
 
     Parameters
@@ -34,21 +65,8 @@ def rows_of_text(
     >>> rows_of_text(np.array([0.5, -0.0, 1 / 3]), [1, 2], digits=4)
     ['0.5', '0 0.3333']
     """
-    flat = values.ravel()
-    is_real = flat.dtype.kind == "f"
-    number = f"%.{digits}g" if is_real else "%d"
-    lengths = np.asarray(counts, dtype=np.int64)
-    offsets = offsets_from_counts(lengths)
-    patterns = {k: " ".join([number] * k) for k in np.unique(lengths).tolist()}
-    rows: list[str] = []
-    for start in range(0, lengths.size, _BLOCK):
-        stop = min(start + _BLOCK, lengths.size)
-        block = flat[offsets[start] : offsets[stop]]
-        if is_real:
-            block = block + 0.0  # minus zero becomes zero
-        template = "\n".join([patterns[k] for k in lengths[start:stop].tolist()])
-        rows += (template % tuple(block.tolist())).split("\n")
-    return rows
+    pattern = f"%.{digits}g" if values.dtype.kind == "f" else "%d"
+    return filled(pattern, values, counts, separator=" ")
 
 
 def table_of_text(values: NDArray[np.float64], *, digits: int = 9) -> list[str]:

@@ -1,7 +1,7 @@
 """Grain units: lengths in median grain diameters, densities in grain densities, and gravity one.
 
-Programs with tolerances of their own (MuJoCo, for one) refuse or blur a millimetre in SI; in these units a bed of
-0.2 mm sand and one of 0.1 m cobbles are the same numbers.
+Programs with tolerances of their own (MuJoCo, for one) refuse or blur a millimetre in SI; in these units a
+bed of 0.2 mm sand and one of 0.1 m cobbles are the same numbers.
 """
 
 from __future__ import annotations
@@ -93,9 +93,7 @@ def units(packing: Packing, gravity: float = 9.81) -> GrainUnits:
     return units_of(volumes(packing.grains), packing.densities, gravity)
 
 
-def units_of(
-    grain_volumes: NDArray[np.float64], densities: NDArray[np.float64], gravity: float
-) -> GrainUnits:
+def units_of(grain_volumes: NDArray[np.float64], densities: NDArray[np.float64], gravity: float) -> GrainUnits:
     """Return the grain units of grains with the given volumes [m³] and densities [kg/m³]."""
     length = float(np.median(np.cbrt(grain_volumes * (6.0 / np.pi))))
     density = float(grain_volumes @ densities / grain_volumes.sum())

@@ -29,8 +29,8 @@ def principal_inertia(inertias: NDArray[np.float64]) -> tuple[NDArray[np.float64
 
     Notes
     -----
-    Axes have no sign: the largest component of each of the first two is made positive, and the third completes a
-    right-handed frame. Axes of equal moments are any of the many.
+    Axes have no sign: the largest component of each of the first two is made positive, and the third completes
+    a right-handed frame. Axes of equal moments are any of the many.
     """
     moments, axes = np.linalg.eigh(inertias)
     largest = np.take_along_axis(axes, np.abs(axes).argmax(axis=1)[:, None, :], axis=1)

@@ -108,3 +108,27 @@ def _best_apexes(vertices, vertex_offsets, face_offsets, corners, corner_offsets
                 if best < 0.0 or smallest > best * (1.0 + 1e-9):
                     best = smallest
                     result[f] = apex
+
+
+def vector_areas(corners: NDArray[np.float64] | NDArray[np.float32]) -> NDArray[np.float64]:
+    """Return the outward normal of each triangle, as long as its area [m²], shape (m, 3).
+
+    Parameters
+    ----------
+    corners : ndarray, shape (m, 3, 3)
+        Corners [m] of each triangle, counter-clockwise seen from outside; single precision is multiplied in double.
+    """
+    result = np.empty((len(corners), 3))
+    _vector_areas(corners, result)
+    return result
+
+
+@njit(cache=True, parallel=True)
+def _vector_areas(corners, result):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    for t in prange(corners.shape[0]):
+        ax, ay, az = np.float64(corners[t, 0, 0]), np.float64(corners[t, 0, 1]), np.float64(corners[t, 0, 2])
+        ux, uy, uz = corners[t, 1, 0] - ax, corners[t, 1, 1] - ay, corners[t, 1, 2] - az
+        wx, wy, wz = corners[t, 2, 0] - ax, corners[t, 2, 1] - ay, corners[t, 2, 2] - az
+        result[t, 0] = 0.5 * (uy * wz - uz * wy)
+        result[t, 1] = 0.5 * (uz * wx - ux * wz)
+        result[t, 2] = 0.5 * (ux * wy - uy * wx)
