@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from grainsdem.model import Packing
 
-__all__ = ["FORMATS", "files", "write"]
+__all__ = ["FORMATS", "files", "module_for", "write"]
 
 FORMATS = {
     ".xml": "exporters.mjcf",
@@ -95,7 +95,7 @@ def files(
     InputError
         As `write`.
     """
-    module = _module(suffix)
+    module = module_for(suffix)
     known = [field.name for field in fields(module.Options)]
     unknown = [option for option in options if option not in known]
     if unknown:
@@ -104,7 +104,7 @@ def files(
     return content
 
 
-def _module(suffix: str) -> ModuleType:
+def module_for(suffix: str) -> ModuleType:
     """Return the module that writes files of a suffix, imported when it is needed."""
     if suffix.lower() not in FORMATS:
         raise InputError(f"no format has the suffix {suffix!r}; known are {', '.join(FORMATS)}")

@@ -183,11 +183,12 @@ def validate(
     quiet: Quiet = False,
 ) -> None:
     """Check that every grain is closed and convex, and that no two overlap; exit 1 where a check fails."""
+    from grainsdem.recipe import counting_words  # noqa: PLC0415  (a command pays only for its own imports)
     from grainsdem.screen import ChainProgress, print_report  # noqa: PLC0415  (a command pays only for its own imports)
 
     packing = grainsdem.load(bed)
     with ChainProgress(err, shown=not (quiet or json_)) as progress, progress.stage("Validating") as tell:
-        report = grainsdem.validate(packing, overlap=overlap, progress=lambda f: tell(f, f"{len(packing)} grains"))
+        report = grainsdem.validate(packing, overlap=overlap, progress=counting_words(tell, "pairs"))
     if json_:
         _print_json(report.to_dict())
     elif not quiet:

@@ -193,6 +193,15 @@ class Recipe(_Table):
     output: OutputTable = OutputTable()
 
 
+_TABLES: dict[str, type[_Table]] = {
+    "domain": DomainTable,
+    "seeds": SeedsTable,
+    "grains": GrainsTable,
+    "settle": SettleTable,
+    "output": OutputTable,
+}
+
+
 class Monitor(Protocol):
     """Who is told what a chain is doing."""
 
@@ -383,9 +392,8 @@ def _made(folder: str | os.PathLike[str]) -> Path:
 
 def _validated(packing: Packing, overlap: float, monitor: Monitor) -> Report:
     with monitor.stage("Validating") as tell:
-        return validate(
-            packing, overlap=overlap, progress=lambda f: tell(f, f"{len(packing)} grains")
-        ).raise_if_failed()
+        report = validate(packing, overlap=overlap, progress=counting_words(tell, "pairs"))
+    return report.raise_if_failed()
 
 
 def _write(packing: Packing, graph: ContactGraph, stem: Path, output: OutputTable, monitor: Monitor) -> list[Path]:
@@ -412,6 +420,11 @@ def _settle(fresh: Packing, recipe: Recipe, folder: Path, monitor: Monitor) -> S
         return settle(start, **options, history_path=folder / "history.h5", progress=settling_words(tell))
 
 
+def counting_words(tell: Callable[[float, str], None], things: str) -> Callable[[int, int], None]:
+    """Return a callback that tells how many of how many things are done."""
+    return lambda done, total: tell(done / max(total, 1), f"{done} of {total} {things}")
+
+
 def settling_words(tell: Callable[[float, str], None]) -> Callable[[Progress], None]:
     """Return a callback for `settle` that tells the fraction done and what is being waited for.
 
@@ -427,10 +440,7 @@ def settling_words(tell: Callable[[float, str], None]) -> Callable[[Progress], N
         if peak > now.goal and now.energy > 0:
             fallen = math.log(peak / now.energy) / math.log(peak / now.goal)
         best = min(1.0, max(best, fallen, now.time / now.limit))
-        tell(
-            best,
-            f"t {now.time:.3g} s, energy {now.energy:.0e} → {now.goal:.0e} m g d, {now.n_contacts} contacts",
-        )
+        tell(best, f"{now.time:.3f} s, {now.energy:.0e} → {now.goal:.0e} mgd, {now.n_contacts} contacts")
 
     return hear
 
@@ -439,24 +449,10 @@ def _explain(item: Any) -> str:
     """Return one of pydantic's errors as a line that says where, what was given and what is allowed."""
     where = ".".join(str(part) for part in item["loc"])
     if item["type"] == "extra_forbidden":
-        table = Recipe
-        for part in item["loc"][:-1]:
-            table = _table_at(table, str(part))
-        return f"{where}: unknown key; allowed are {', '.join(table.model_fields)}"
+        allowed = (_TABLES[str(item["loc"][0])] if len(item["loc"]) > 1 else Recipe).model_fields
+        return f"{where}: unknown key; allowed are {', '.join(allowed)}"
     message = item["msg"].removeprefix("Value error, ")
     if item["type"] == "missing":
         return f"{where}: missing"
     shown = f"; got {item['input']!r}" if not isinstance(item["input"], dict) else ""
     return f"{where}: {message[0].lower()}{message[1:]}{shown}"
-
-
-def _table_at(table: type[BaseModel], key: str) -> type[BaseModel]:
-    """Return the model behind a key, `None | Table` included."""
-    tables = {
-        "domain": DomainTable,
-        "seeds": SeedsTable,
-        "grains": GrainsTable,
-        "settle": SettleTable,
-        "output": OutputTable,
-    }
-    return tables.get(key, table)

@@ -33,8 +33,8 @@ class ChainProgress:
     def __init__(self, console: Console, *, shown: bool = True) -> None:
         self._bars = Progress(
             SpinnerColumn(finished_text="[green]✓[/green]"),
-            TextColumn("{task.description:<18}"),
-            BarColumn(bar_width=24),
+            TextColumn("{task.description:<15}"),
+            BarColumn(bar_width=8),
             TimeElapsedColumn(),
             TextColumn("{task.fields[words]}"),
             console=console,
@@ -71,11 +71,11 @@ def print_result(console: Console, name: str, result: Result) -> None:
     for title in columns:
         table.add_column(title, justify="right")
     rows = _rows(list(columns.values()))
-    rows.append(("largest overlap [grain volume]", *overlaps.values()))
+    rows.append(("largest overlap, grain volumes", *overlaps.values()))
     if result.settled is not None:
         report = result.settled.report
-        rows.append(("largest overlap [d]", "–", f"{report.overlap_max:.1e}"))
-        rows.append(("time to rest [s]", "–", f"{report.time:.4g}{'' if report.at_rest else ' (not at rest)'}"))
+        rows.append(("largest overlap, d", "–", f"{report.overlap_max:.1e}"))
+        rows.append(("time to rest, s", "–", f"{report.time:.4g}{'' if report.at_rest else ' (not at rest)'}"))
     for row in rows:
         table.add_row(*row)
     console.print(table)
@@ -97,10 +97,10 @@ def print_settling(console: Console, title: str, summary: dict[str, Any]) -> Non
     rest = "" if summary["at_rest"] else " (time was up: not at rest)"
     rows = [
         *_rows([summary]),
-        ("time [s]", f"{summary['time']:.4g}{rest}"),
-        ("kinetic energy [m g d a grain]", f"{summary['kinetic_energy']:.1e}"),
-        ("largest overlap [d]", f"{summary['overlap_max']:.1e}"),
-        ("force on the floor [weight]", f"{summary['floor_force']:.4f}"),
+        ("time, s", f"{summary['time']:.4g}{rest}"),
+        ("kinetic energy of a grain, m g d", f"{summary['kinetic_energy']:.1e}"),
+        ("largest overlap, d", f"{summary['overlap_max']:.1e}"),
+        ("force on the floor, weight", f"{summary['floor_force']:.4f}"),
     ]
     for row in rows:
         table.add_row(*row)
@@ -154,12 +154,13 @@ def _rows(summaries: list[dict[str, Any]]) -> list[tuple[str, ...]]:
     return [
         row("grains", lambda s: str(s["n_grains"])),
         row("porosity (of what region)", porosity),
-        row("d10 by mass [mm]", millimetres("d10")),
-        row("d50 by mass [mm]", millimetres("d50")),
-        row("d90 by mass [mm]", millimetres("d90")),
+        row("d10 by mass, mm", millimetres("d10")),
+        row("d50 by mass, mm", millimetres("d50")),
+        row("d90 by mass, mm", millimetres("d90")),
         row("mean sphericity", number("mean_sphericity", 3)),
+        row("mean neighbours in the tessellation", number("mean_neighbors", 2)),
         row("mean coordination", number("mean_coordination", 2)),
-        row("mass [g]", lambda s: f"{s['total_mass'] * 1e3:.4g}"),
+        row("mass, g", lambda s: f"{s['total_mass'] * 1e3:.4g}"),
     ]
 
 

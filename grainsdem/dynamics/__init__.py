@@ -1,5 +1,5 @@
 """Grains in motion: MuJoCo simulates the very text that `exporters.mjcf` writes, and gives back a packing."""
 
-from grainsdem.dynamics.settle import Settled, SettleReport, settle
+from grainsdem.dynamics.settle import Progress, Settled, SettleReport, settle
 
-__all__ = ["SettleReport", "Settled", "settle"]
+__all__ = ["Progress", "SettleReport", "Settled", "settle"]

@@ -104,7 +104,8 @@ def sample(scene: Scene) -> Sample:
 def _inertias(scene: Scene, bodies: NDArray[np.int64]) -> NDArray[np.float64]:
     """Return the inertia tensors of the grains in their own frames, shape (n, 3, 3)."""
     turns = to_matrices(scene.model.body_iquat[bodies])
-    return np.einsum("nij,nj,nkj->nik", turns, scene.model.body_inertia[bodies], turns)
+    tensors: NDArray[np.float64] = np.einsum("nij,nj,nkj->nik", turns, scene.model.body_inertia[bodies], turns)
+    return tensors
 
 
 def _force_on_container(scene: Scene) -> float:

@@ -282,7 +282,7 @@ class _Run:
     def _advance(self) -> int:
         import mujoco
 
-        n_steps = max(1, round(SAMPLE_TIME / self.scene.model.opt.timestep))
+        n_steps = max(1, round(SAMPLE_TIME / float(self.scene.model.opt.timestep)))
         # Short calls: an interrupt is answered between them.
         for _ in range(n_steps):
             mujoco.mj_step(self.scene.model, self.scene.data)

@@ -57,4 +57,5 @@ def _distance_outside(scene: Scene) -> NDArray[np.float64]:
     lower = scene.source.domain.lower / scene.units.length
     upper = (scene.source.domain.upper / scene.units.length).copy()
     upper[2] = np.inf  # there is no lid
-    return np.maximum(lower - positions, positions - upper).max(axis=1)
+    distances: NDArray[np.float64] = np.maximum(lower - positions, positions - upper).max(axis=1)
+    return distances

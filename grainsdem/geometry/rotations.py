@@ -74,12 +74,14 @@ def from_matrices(matrices: Floats) -> Floats:
             products[:, a, b] = products[:, b, a] = m[:, i, j] - m[:, j, i] if a == 0 else m[:, i, j] + m[:, j, i]
     q = products[np.arange(len(m)), best]
     q /= np.linalg.norm(q, axis=1, keepdims=True)
-    return np.where(q[:, :1] < 0, -q, q)
+    positive: Floats = np.where(q[:, :1] < 0, -q, q)
+    return positive
 
 
 def world_vertices(packing: Packing) -> Floats:
     """Return every vertex [m] of a packing in the world, shape (n_vertices, 3), in the order of ``grains.vertices``."""
     counts = np.diff(packing.grains.vertex_offsets)
     matrices = np.repeat(to_matrices(packing.quaternions), counts, axis=0)
-    turned = np.einsum("nij,nj->ni", matrices, packing.grains.vertices)
-    return turned + np.repeat(packing.positions, counts, axis=0)
+    turned: Floats = np.einsum("nij,nj->ni", matrices, packing.grains.vertices)
+    turned += np.repeat(packing.positions, counts, axis=0)
+    return turned

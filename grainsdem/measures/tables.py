@@ -85,7 +85,8 @@ def summary(packing: Packing, graph: ContactGraph | None = None) -> dict[str, An
         ``n_grains``; ``porosity`` and the ``porosity_region`` it is of: ``"cells"`` while the grains are in
         the cells they grew in, else ``"core"`` with its corners as ``porosity_box`` [m] (see `core_box`),
         and None for all three where the bed is too small for one; ``d10``, ``d50``, ``d90`` by mass and
-        ``mean_diameter`` by number, equal-volume [m]; ``mean_sphericity``; ``mean_coordination``, contacts a
+        ``mean_diameter`` by number, equal-volume [m]; ``mean_sphericity``; ``mean_neighbors``,
+        grains across the faces of a grain, or None where the links are gone; ``mean_coordination``, contacts a
         grain; ``total_mass`` [kg]; ``solid_volume`` [m³].
 
     Raises
@@ -98,10 +99,9 @@ def summary(packing: Packing, graph: ContactGraph | None = None) -> dict[str, An
     if len(packing) == 0:
         raise InputError("a summary needs at least one grain; the packing has none")
     if graph is not None and graph.n_grains != len(packing):
-        raise ShapeError(
-            f"the contacts must be those of the packing's {len(packing)} grains; got {graph.n_grains}"
-        )
+        raise ShapeError(f"the contacts must be those of the packing's {len(packing)} grains; got {graph.n_grains}")
     rows = table(packing)
+    links = packing.links
     d10, d50, d90 = percentiles(rows["diameter"], (10, 50, 90), weights=rows["mass"]).tolist()
     return {
         "n_grains": len(packing),
@@ -111,6 +111,7 @@ def summary(packing: Packing, graph: ContactGraph | None = None) -> dict[str, An
         "d90": d90,
         "mean_diameter": float(rows["diameter"].mean()),
         "mean_sphericity": float(rows["sphericity"].mean()),
+        "mean_neighbors": None if links is None else float(np.count_nonzero(links.neighbors >= 0) / len(packing)),
         "mean_coordination": None if graph is None else float(graph.coordination().mean()),
         "total_mass": float(rows["mass"].sum()),
         "solid_volume": float(rows["volume"].sum()),

@@ -1,0 +1,174 @@
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+
+import h5py
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import grainsdem
+from grainsdem.cli import app
+
+pytestmark = pytest.mark.unit
+
+COMMANDS = ["demo", "run", "generate", "validate", "measure", "export", "settle", "render", "info"]
+
+
+def call(*words):
+    return CliRunner().invoke(app, [str(word) for word in words])
+
+
+@pytest.fixture(scope="module")
+def bed(tmp_path_factory):
+    """A bed that the command line grew."""
+    path = tmp_path_factory.mktemp("bed") / "bed.h5"
+    options = ["--process", "poisson", "--count", 250, "--relax", 2, "--lengths", 6, 6, 7, "--rng", 3]
+    result = call("generate", path, *options, "--porosity", 0.4, "--median-diameter", 0.72e-3, "--quiet")
+    assert result.exit_code == 0, result.output
+    return path
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_explains_itself(command):
+    result = call(command, "--help")
+    assert result.exit_code == 0
+    assert len(result.output.splitlines()) > 8
+
+
+def test_help_without_a_command_lists_them_all():
+    listed = call("--help").output
+    assert all(re.search(rf"\b{command}\b", listed) for command in COMMANDS)
+
+
+def test_the_version_is_that_of_the_package():
+    assert call("--version").output.strip() == f"grainsdem {grainsdem.__version__}"
+
+
+def test_measure_prints_the_porosity_that_was_asked_for(bed):
+    result = call("measure", bed, "--json")
+    measured = json.loads(result.stdout)
+    assert measured["porosity"] == pytest.approx(0.4, rel=1e-12)
+    assert measured["d50"] == pytest.approx(0.72e-3, rel=1e-12)
+    assert "0.4000 (cells)" in call("measure", bed).output
+
+
+def test_measure_writes_one_row_a_grain(bed, tmp_path):
+    assert call("measure", bed, "--table", tmp_path / "grains.csv", "--quiet").exit_code == 0
+    rows = np.genfromtxt(tmp_path / "grains.csv", delimiter=",", names=True)
+    assert len(rows) == len(grainsdem.load(bed))
+
+
+def test_validate_exits_0_for_a_good_bed_and_names_its_checks(bed):
+    result = call("validate", bed)
+    assert result.exit_code == 0
+    assert "overlaps" in result.output
+
+
+def test_validate_exits_1_for_a_bed_with_an_overlap_and_names_the_pair(bed, tmp_path):
+    packing = grainsdem.load(bed)
+    positions = packing.positions.copy()
+    positions[7] = positions[3] + 0.3 * np.abs(packing.grains.vertices_of(3)).max()
+    from dataclasses import replace
+
+    grainsdem.save(replace(packing, positions=positions), tmp_path / "bad.h5")
+    result = call("validate", tmp_path / "bad.h5")
+    assert result.exit_code == 1
+    assert "3–7" in result.output
+    assert json.loads(call("validate", tmp_path / "bad.h5", "--json").stdout)["ok"] is False
+
+
+def test_export_writes_every_format_that_is_asked_for(bed, tmp_path):
+    names = ["bed.xml", "bed.usdc", "bed.stl"]
+    result = call("export", bed, *[tmp_path / name for name in names], "--json")
+    assert result.exit_code == 0
+    assert {str(tmp_path / name) for name in names} <= set(json.loads(result.stdout)["files"])
+    assert all((tmp_path / name).stat().st_size > 1000 for name in names)
+
+
+def test_settle_writes_a_packing_and_a_history(bed, tmp_path):
+    result = call("settle", bed, tmp_path / "settled.h5", "--history", tmp_path / "history.h5", "--json")
+    assert result.exit_code == 0, result.output
+    assert json.loads(result.stdout)["at_rest"] is True
+    assert len(grainsdem.load(tmp_path / "settled.h5")) == len(grainsdem.load(bed))
+    assert grainsdem.load_history(tmp_path / "history.h5")["kinetic_energy"][-1] < 1e-6
+
+
+def test_info_tells_what_made_the_file(bed):
+    facts = json.loads(call("info", bed, "--json").stdout)
+    assert [step["step"] for step in facts["provenance"]] == ["recipe", "carve", "shrink", "rescale"]
+    assert "step: carve" in call("info", bed).output
+
+
+def test_quiet_prints_nothing(bed, tmp_path):
+    for words in (["measure", bed], ["validate", bed], ["info", bed], ["export", bed, tmp_path / "a.stl"]):
+        assert call(*words, "--quiet").output == ""
+
+
+def bad_input(tmp_path, bed):
+    """Ten kinds of bad input: the words, and what the one line must say."""
+    (tmp_path / "empty.csv").write_text("")
+    (tmp_path / "nan.csv").write_text("0.1,0.2,0.3\n0.5,nan,0.5\n")
+    (tmp_path / "key.toml").write_text("seeds = {count = 50}\ngrains = {porosty = 0.4}\n")
+    (tmp_path / "cut.h5").write_bytes(bed.read_bytes()[:3000])
+    with h5py.File(tmp_path / "foreign.h5", "w") as file:
+        file["x"] = 1
+    out = tmp_path / "out.h5"
+    return {
+        "missing file": (["validate", tmp_path / "none.h5"], "none.h5: no such file"),
+        "wrong suffix": (["generate", tmp_path / "out.vtk", "--count", 50], "got '.vtk'"),
+        "unknown format": (["export", bed, tmp_path / "bed.gltf"], ".gltf"),
+        "negative porosity": (["generate", out, "--count", 50, "--porosity", -0.2], "porosity"),
+        "porosity of one": (["generate", out, "--count", 50, "--porosity", 1.0], "porosity"),
+        "empty seeds": (["generate", out, "--seeds", tmp_path / "empty.csv"], "at least one seed"),
+        "NaN": (["generate", out, "--seeds", tmp_path / "nan.csv"], "1 of 2 are not: 1"),
+        "unknown recipe key": (["run", tmp_path / "key.toml"], "grains.porosty: unknown key; allowed are"),
+        "truncated h5": (["info", tmp_path / "cut.h5"], "cut.h5"),
+        "foreign h5": (["measure", tmp_path / "foreign.h5"], "foreign.h5"),
+        "folder in a file": (["demo", "--folder", bed / "sub"], "cannot be made a folder"),
+        "folder not there": (["generate", tmp_path / "no" / "out.h5", "--count", 400], "cannot be written"),
+        "too few seeds": (["generate", out, "--count", 3], "touch a wall"),
+        "negative friction": (["settle", bed, out, "--friction", -1], "friction"),
+    }
+
+
+def test_bad_input_gets_one_line_exit_code_2_and_leaves_nothing_behind(tmp_path, bed):
+    cases = bad_input(tmp_path, bed)
+    before = sorted(tmp_path.rglob("*"))
+    for name, (words, expected) in cases.items():
+        result = call(*words)
+        assert result.exit_code == 2, f"{name}: {result.output}"
+        assert expected in result.stderr, f"{name}: {result.stderr}"
+        assert len(result.stderr.strip().splitlines()) == 1, f"{name}: {result.stderr}"
+        assert "Traceback" not in result.output, name
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_porosity_0_999_is_possible_and_reached(tmp_path):
+    result = call("generate", tmp_path / "thin.h5", "--count", 200, "--porosity", 0.999, "--json")
+    assert result.exit_code == 0
+    assert json.loads(result.stdout)["porosity"] == pytest.approx(0.999, rel=1e-12)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals are sent another way there")
+def test_ctrl_c_while_settling_ends_with_one_line_and_keeps_the_history(tmp_path, bed):
+    words = ["settle", bed, tmp_path / "settled.h5", "--history", tmp_path / "history.h5"]
+    command = [sys.executable, "-c", "from grainsdem.cli import main; main()", *map(str, words), "--time-step", "1e-4"]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 60
+    while not (tmp_path / "history.h5").exists() and time.monotonic() < deadline:
+        time.sleep(0.2)
+    time.sleep(1.0)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "interrupted; the history up to" in errors.strip().splitlines()[-1]
+    assert "Traceback" not in errors
+    assert "time" in grainsdem.load_history(tmp_path / "history.h5")
+    assert [p.name for p in tmp_path.iterdir()] == ["history.h5"]
