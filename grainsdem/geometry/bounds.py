@@ -197,7 +197,7 @@ def _bucket_bits(first: NDArray[np.int64], last: NDArray[np.int64]) -> int:
 
 
 @njit(cache=True, inline="always")
-def _bucket(x, y, z, bits):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _bucket(x: int, y: int, z: int, bits: int) -> int:
     """Scatter a cell over the table: the grid need not be stored, however empty it is."""
     key = np.uint64(x) * np.uint64(0x9E3779B97F4A7C15)
     key = (key ^ (key >> np.uint64(29)) ^ np.uint64(y)) * np.uint64(0xBF58476D1CE4E5B9)
@@ -206,7 +206,7 @@ def _bucket(x, y, z, bits):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN
 
 
 @njit(cache=True)
-def _fill(first, last, bits):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _fill(first: NDArray[np.int64], last: NDArray[np.int64], bits: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
     """Enter each box once into every bucket that one of its cells falls in."""
     starts = np.zeros((1 << bits) + 1, dtype=np.int64)
     latest = np.full(1 << bits, -1, dtype=np.int32)
@@ -236,7 +236,18 @@ def _fill(first, last, bits):  # type: ignore[no-untyped-def]  # noqa: ANN001, A
 
 
 @njit(cache=True, parallel=True)
-def _match(lower, upper, within, first, last, starts, entries, counts, offsets, partners):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _match(
+    lower: Floats,
+    upper: Floats,
+    within: float,
+    first: NDArray[np.int64],
+    last: NDArray[np.int64],
+    starts: NDArray[np.int64],
+    entries: NDArray[np.int32],
+    counts: NDArray[np.int64],
+    offsets: NDArray[np.int64],
+    partners: NDArray[np.int32],
+) -> None:
     """Count the partners j > i of each box; with ``offsets`` given, write them in rising order instead."""
     bits = 0
     while (1 << bits) < starts.size - 1:

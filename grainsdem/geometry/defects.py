@@ -12,6 +12,7 @@ from grainsdem.geometry.integrals import face_planes
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from grainsdem.geometry.integrals import FacePlanes
     from grainsdem.model import Polyhedra
 
 CHUNK = 256
@@ -67,28 +68,24 @@ def find_defects(polyhedra: Polyhedra) -> Defects:
     p = polyhedra
     planes = face_planes(p)
     most = int(np.diff(p.vertex_offsets).max(initial=0))
-    _find(p.vertices, p.vertex_offsets, p.face_offsets, p.face_vertices, p.face_vertex_offsets, *planes, most, *result)
+    _find(p.vertices, p.vertex_offsets, p.face_offsets, p.face_vertices, p.face_vertex_offsets, planes, most, result)
     return result
 
 
 @njit(cache=True, parallel=True)
 def _find(
-    x,
-    vertex_offsets,
-    face_offsets,
-    corners,
-    corner_offsets,
-    normals,
-    heights,
-    areas,
-    most,
-    open_edges,
-    inward_faces,
-    dents,
-    shortest_edges,
-    smallest_faces,
-):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202, E501
+    x: NDArray[np.float64],
+    vertex_offsets: NDArray[np.int64],
+    face_offsets: NDArray[np.int64],
+    corners: NDArray[np.int32],
+    corner_offsets: NDArray[np.int64],
+    planes: FacePlanes,
+    most: int,
+    out: Defects,
+) -> None:
     n = vertex_offsets.size - 1
+    # numba writes from its threads into arrays, not into arrays inside a tuple.
+    open_edges, inward_faces, dents, shortest_edges, smallest_faces = out
     for block in prange((n + CHUNK - 1) // CHUNK):
         uses = np.zeros((most, most), dtype=np.int32)
         is_used = np.zeros(most, dtype=np.bool_)
@@ -109,7 +106,7 @@ def _find(
                     is_used[p] = True
                     length = np.sqrt(((x[v0 + p] - x[v0 + q]) ** 2).sum())
                     shortest_edges[i] = min(shortest_edges[i], length)
-                smallest_faces[i] = min(smallest_faces[i], areas[f])
+                smallest_faces[i] = min(smallest_faces[i], planes.areas[f])
             edges = 0
             for f in range(f0, f1):
                 c0, c1 = corner_offsets[f], corner_offsets[f + 1]
@@ -126,7 +123,7 @@ def _find(
                 used += is_used[k]
             open_edges[i] = bad + abs(used - edges + (f1 - f0) - 2)
             for f in range(f0, f1):
-                if areas[f] == 0.0:
+                if planes.areas[f] == 0.0:
                     continue
                 c0, c1 = corner_offsets[f], corner_offsets[f + 1]
                 middle = np.zeros(3)
@@ -135,16 +132,16 @@ def _find(
                     p, q = v0 + corners[c], v0 + corners[c0 if c + 1 == c1 else c + 1]
                     middle += x[p] / (c1 - c0)
                     longest = max(longest, np.sqrt(((x[p] - x[q]) ** 2).sum()))
-                width = 2.0 * areas[f] / longest
+                width = 2.0 * planes.areas[f] / longest
                 sign = 1.0
-                if (normals[f] * (mean - middle)).sum() >= 0.0:
+                if (planes.normals[f] * (mean - middle)).sum() >= 0.0:
                     inward_faces[i] += 1
                     sign = -1.0
                 for k in range(v0, v1):
                     beyond = 0.0
                     square = 0.0
                     for c in range(3):
-                        beyond += sign * normals[f, c] * (x[k, c] - middle[c])
+                        beyond += sign * planes.normals[f, c] * (x[k, c] - middle[c])
                         square += (x[k, c] - middle[c]) ** 2
                     if beyond > 0.0:
                         dents[i] = max(dents[i], beyond * min(1.0, width / np.sqrt(square)))

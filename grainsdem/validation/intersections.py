@@ -12,8 +12,9 @@ import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
+from pathlib import Path
 from queue import Queue
-from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
+from typing import TYPE_CHECKING, BinaryIO, NamedTuple, Self, cast
 
 import numpy as np
 
@@ -21,11 +22,13 @@ from grainsdem.geometry.triangles import triangles
 from grainsdem.ragged import take_indices
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from numpy.typing import NDArray
 
     from grainsdem.geometry.separation import Bodies
+    from grainsdem.geometry.triangles import Triangles
+    from grainsdem.model import Polyhedra
 
     Floats = NDArray[np.float64]
 
@@ -48,6 +51,7 @@ class Block(NamedTuple):
 
 
 def intersection_volumes(
+    grains: Polyhedra,
     solids: Bodies,
     pairs: NDArray[np.int32],
     offsets: Floats,
@@ -60,8 +64,10 @@ def intersection_volumes(
 
     Parameters
     ----------
+    grains : Polyhedra
+        Closed grains, wound outward: who the corners of their faces are.
     solids : Bodies
-        Closed grains, wound outward.
+        The same grains as they stand.
     pairs : ndarray of int32, shape (m, 2)
         Grain ids.
     offsets : ndarray, shape (m, 3)
@@ -84,7 +90,7 @@ def intersection_volumes(
     parts = [order[start : start + BLOCK] for start in range(0, m, BLOCK)]
     if processes is None:
         processes = 1 if m <= FEW else len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 2
-    mesh = triangles(solids.shapes)
+    mesh = triangles(grains)
     done = 0
 
     def cut(part: NDArray[np.int64]) -> Block:
@@ -139,7 +145,7 @@ class _Pool:
     """Interpreters that run `serve`, each fed by a thread of its own."""
 
     def __init__(self, n: int) -> None:
-        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path or os.getcwd() for path in sys.path)}
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path or str(Path.cwd()) for path in sys.path)}
         code = "from grainsdem.validation.intersections import serve; serve()"
         self._idle: Queue[subprocess.Popen[bytes]] = Queue()
         self._workers = [
@@ -152,7 +158,7 @@ class _Pool:
             self._idle.put(worker)
         self._threads = ThreadPoolExecutor(n)
 
-    def __enter__(self) -> _Pool:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -161,17 +167,17 @@ class _Pool:
             worker.kill()
             worker.communicate()
 
-    def map(self, cut: Callable[[NDArray[np.int64]], Block], parts: list[NDArray[np.int64]]) -> Any:
+    def map(self, cut: Callable[[NDArray[np.int64]], Block], parts: list[NDArray[np.int64]]) -> Iterator[Floats]:
         """Yield the results in the order of the parts."""
         return self._threads.map(lambda part: self._ask(cut(part)), parts)
 
     def _ask(self, block: Block) -> Floats:
         worker = self._idle.get()
         try:
-            assert worker.stdin is not None and worker.stdout is not None  # noqa: S101, PT018  (both are pipes)
-            pickle.dump(block, worker.stdin, protocol=pickle.HIGHEST_PROTOCOL)
-            worker.stdin.flush()
-            return np.asarray(pickle.load(worker.stdout))  # noqa: S301  (from the child process started here)
+            source, sink = cast("tuple[BinaryIO, BinaryIO]", (worker.stdout, worker.stdin))
+            pickle.dump(block, sink, protocol=pickle.HIGHEST_PROTOCOL)
+            sink.flush()
+            return np.asarray(pickle.load(source))  # noqa: S301  (from the child process started here)
         finally:
             self._idle.put(worker)
 
@@ -181,7 +187,7 @@ def _by_place(solids: Bodies, pairs: NDArray[np.int32]) -> NDArray[np.int64]:
     from scipy.sparse import coo_array  # noqa: PLC0415  (scipy.sparse costs a tenth of a second)
     from scipy.sparse.csgraph import reverse_cuthill_mckee  # noqa: PLC0415  (the same)
 
-    n = len(solids.shapes)
+    n = solids.radii.size
     i, j = pairs.T.astype(np.int64)
     graph = coo_array((np.ones(len(pairs), dtype=np.int8), (i, j)), shape=(n, n)).tocsr()
     rank = np.empty(n, dtype=np.int64)
@@ -189,14 +195,13 @@ def _by_place(solids: Bodies, pairs: NDArray[np.int32]) -> NDArray[np.int64]:
     return np.lexsort((np.maximum(rank[i], rank[j]), np.minimum(rank[i], rank[j])))
 
 
-def _block(solids: Bodies, mesh: Any, pairs: NDArray[np.int32], offsets: Floats, length: float) -> Block:
+def _block(solids: Bodies, mesh: Triangles, pairs: NDArray[np.int32], offsets: Floats, length: float) -> Block:
     """Gather the grains of some pairs and number them afresh."""
-    shapes = solids.shapes
     ids, local = np.unique(pairs, return_inverse=True)
-    vertices, vertex_offsets = take_indices(shapes.vertex_offsets, ids)
+    vertices, vertex_offsets = take_indices(solids.vertex_offsets, ids)
     corners, corner_offsets = take_indices(mesh.offsets, ids)
     return Block(
-        shapes.vertices[vertices] / length,
+        solids.vertices[vertices] / length,
         vertex_offsets,
         mesh.indices[corners].astype(np.uint64),
         corner_offsets,

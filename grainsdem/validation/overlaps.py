@@ -27,6 +27,9 @@ SOFT = "soft contacts of a settled packing overlap slightly: allow them with a l
 SOFTEST = 0.05
 """Overlaps beyond this, in d or of the smaller volume, are no soft contacts."""
 
+NEGLIGIBLE = 1e-9
+"""Bound of a shared volume, relative to the smaller grain's, below which a pair is not measured."""
+
 SEARCH = 0.05
 """How far, relative to d, the smallest gap is searched for."""
 
@@ -64,7 +67,7 @@ def check_overlaps(
     between = offsets_between(packing, pairs, shifts)
     # 1e-9 d: two grains at one place, whatever their shapes.
     is_same = (np.abs(between) <= 1e-9 * d).all(axis=1)
-    fractions, note = _share_volumes(solids, pairs, between, overlap, method, d, progress)
+    fractions, note = _share_volumes(packing, solids, pairs, between, overlap, method, d, progress)
     is_over = ~(fractions <= overlap)
     left_out = int((~sound).sum())
     if left_out:
@@ -80,6 +83,7 @@ def check_overlaps(
 
 
 def _share_volumes(
+    packing: Packing,
     solids: Bodies,
     pairs: NDArray[np.int32],
     between: Floats,
@@ -97,14 +101,15 @@ def _share_volumes(
     """
     if not len(pairs):
         return np.zeros(0), "no boxes of grains meet"
-    sizes = integrate(solids.shapes)
+    sizes = integrate(packing.grains)
     smaller = sizes.volumes[pairs].min(axis=1)
     fractions = np.full(len(pairs), np.inf)
     if method == "planes":
         _, margins = certify(solids, pairs, between)
         fractions = np.maximum(-margins, 0.0) * 0.5 * sizes.areas[pairs].min(axis=1) / smaller
-    rest = np.flatnonzero(~(fractions <= overlap))
-    found = intersection_volumes(solids, pairs[rest], between[rest], length=d, progress=progress)
+    # What is allowed to overlap is measured all the same: the bound of a plane says little of how much.
+    rest = np.flatnonzero(~(fractions <= min(overlap, NEGLIGIBLE)))
+    found = intersection_volumes(packing.grains, solids, pairs[rest], between[rest], length=d, progress=progress)
     fractions[rest] = found / smaller[rest]
     refused = int(np.isnan(found).sum())
     note = f"{len(pairs)} pairs of boxes meet: {len(pairs) - rest.size} proven by planes, {rest.size} by manifold3d"

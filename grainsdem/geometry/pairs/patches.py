@@ -2,8 +2,17 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numba import njit
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from grainsdem.geometry.pairs.bodies import Bodies
+
+    Floats = NDArray[np.float64]
 
 VERTEX, EDGE, FACE = 0, 1, 2
 """Kinds of what a grain touches with, by dimension."""
@@ -14,40 +23,42 @@ by less than 1e-3 d, the depth that soft contacts are allowed."""
 
 
 @njit(cache=True)
-def find_feature(x, v0, v1, normals, areas, f0, f1, corners, corner_offsets, edges, e0, e1, nx, ny, nz, polygon):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Find what a body touches with in a direction; return its number of corners, with ``polygon`` their indices."""
+def find_feature(solids: Bodies, a: int, nx: float, ny: float, nz: float, polygon: NDArray[np.int64]) -> int:
+    """Find what body ``a`` touches with in a direction; return its number of corners, with ``polygon`` their indices."""
+    x, edges = solids.vertices, solids.edges
+    v0, v1 = solids.vertex_offsets[a], solids.vertex_offsets[a + 1]
+    face, widest = -1, 0.0
+    for f in range(solids.face_offsets[a], solids.face_offsets[a + 1]):
+        c = nx * solids.normals[f, 0] + ny * solids.normals[f, 1] + nz * solids.normals[f, 2]
+        # 1 - cos θ = θ²/2; the largest face, as slivers may lie beside the one that carries the contact.
+        if c >= 1.0 - 0.5 * PARALLEL * PARALLEL and solids.areas[f] > widest:
+            widest, face = solids.areas[f], f
+    if face >= 0:
+        start = solids.corner_offsets[face]
+        count = solids.corner_offsets[face + 1] - start
+        for c in range(count):
+            polygon[c] = v0 + solids.corners[start + c]
+        return count
     top, high = v0, -np.inf
     for k in range(v0, v1):
         s = nx * x[k, 0] + ny * x[k, 1] + nz * x[k, 2]
         if s > high:
             high, top = s, k
-    face, widest = -1, 0.0
-    for f in range(f0, f1):
-        c = nx * normals[f, 0] + ny * normals[f, 1] + nz * normals[f, 2]
-        # 1 − cos θ = θ²/2; the largest face, as slivers may lie beside the one that carries the contact.
-        if c >= 1.0 - 0.5 * PARALLEL * PARALLEL and areas[f] > widest:
-            widest, face = areas[f], f
-    if face >= 0:
-        count = corner_offsets[face + 1] - corner_offsets[face]
-        for c in range(count):
-            polygon[c] = v0 + corners[corner_offsets[face] + c]
-        return count
-    longest = 0.0
     polygon[0] = top
-    for e in range(e0, e1):
+    longest = 0.0
+    for e in range(solids.edge_offsets[a], solids.edge_offsets[a + 1]):
         p, q = v0 + edges[e, 0], v0 + edges[e, 1]
-        dx, dy, dz = x[q, 0] - x[p, 0], x[q, 1] - x[p, 1], x[q, 2] - x[p, 2]
-        length = np.sqrt(dx * dx + dy * dy + dz * dz)
-        rise = nx * dx + ny * dy + nz * dz
-        reached = max(nx * x[p, 0] + ny * x[p, 1] + nz * x[p, 2], nx * x[q, 0] + ny * x[q, 1] + nz * x[q, 2])
-        if abs(rise) <= PARALLEL * length and high - reached <= PARALLEL * length and length > longest:
+        at_p = nx * x[p, 0] + ny * x[p, 1] + nz * x[p, 2]
+        at_q = nx * x[q, 0] + ny * x[q, 1] + nz * x[q, 2]
+        length = np.sqrt((x[q, 0] - x[p, 0]) ** 2 + (x[q, 1] - x[p, 1]) ** 2 + (x[q, 2] - x[p, 2]) ** 2)
+        if high - min(at_p, at_q) <= PARALLEL * length and length > longest:
             longest = length
             polygon[0], polygon[1] = p, q
     return 2 if longest > 0.0 else 1
 
 
 @njit(cache=True)
-def basis(n, u, w):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def basis(n: Floats, u: Floats, w: Floats) -> None:
     """Fill two unit vectors such that (u, w, n) is right-handed."""
     if abs(n[0]) <= abs(n[1]) and abs(n[0]) <= abs(n[2]):
         u[0], u[1], u[2] = 0.0, n[2], -n[1]
@@ -63,17 +74,20 @@ def basis(n, u, w):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
 
 
 @njit(cache=True)
-def project(x, polygon, count, tx, ty, tz, u, w, flat):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def project(
+    solids: Bodies, polygon: NDArray[np.int64], count: int, shift: Floats, u: Floats, w: Floats, flat: Floats
+) -> None:
     """Lay a polygon into the plane of (u, w)."""
+    x = solids.vertices
     for c in range(count):
         k = polygon[c]
-        px, py, pz = x[k, 0] + tx, x[k, 1] + ty, x[k, 2] + tz
+        px, py, pz = x[k, 0] + shift[0], x[k, 1] + shift[1], x[k, 2] + shift[2]
         flat[c, 0] = u[0] * px + u[1] * py + u[2] * pz
         flat[c, 1] = w[0] * px + w[1] * py + w[2] * pz
 
 
 @njit(cache=True)
-def clip(subject, n_subject, window, n_window, turn, spare):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def clip(subject: Floats, n_subject: int, window: Floats, n_window: int, turn: float, spare: Floats) -> int:
     """Cut a polygon, segment or point by a convex polygon (Sutherland and Hodgman); return its number of corners.
 
     ``turn`` is 1 where the window runs counter-clockwise, else −1. The result lies in ``subject``.
@@ -88,7 +102,7 @@ def clip(subject, n_subject, window, n_window, turn, spare):  # type: ignore[no-
             here = ex * (subject[c, 1] - window[a, 1]) - ey * (subject[c, 0] - window[a, 0])
             there = ex * (subject[d, 1] - window[a, 1]) - ey * (subject[d, 0] - window[a, 0])
             if here >= 0.0:
-                spare[kept] = subject[c]
+                spare[kept, 0], spare[kept, 1] = subject[c, 0], subject[c, 1]
                 kept += 1
             if (here > 0.0 and there < 0.0) or (here < 0.0 and there > 0.0):
                 s = here / (here - there)
@@ -97,15 +111,17 @@ def clip(subject, n_subject, window, n_window, turn, spare):  # type: ignore[no-
                 kept += 1
         count = kept
         for c in range(count):
-            subject[c] = spare[c]
+            subject[c, 0], subject[c, 1] = spare[c, 0], spare[c, 1]
         if count == 0:
             return 0
     return count
 
 
 @njit(cache=True)
-def area_and_centre(polygon, count, centre):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def area_and_centre(polygon: Floats, count: int, centre: Floats) -> float:
     """Return the area of a flat polygon and fill its centroid; the mean of its corners where it has no area."""
+    if count == 0:
+        return 0.0
     area = mx = my = 0.0
     for c in range(1, count - 1):
         ax, ay = polygon[c, 0] - polygon[0, 0], polygon[c, 1] - polygon[0, 1]
@@ -127,7 +143,7 @@ def area_and_centre(polygon, count, centre):  # type: ignore[no-untyped-def]  # 
 
 
 @njit(cache=True)
-def nearest_on_segments(p, q, r, s, on_first, on_second):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def nearest_on_segments(p: Floats, q: Floats, r: Floats, s: Floats, on_first: Floats, on_second: Floats) -> None:
     """Fill the closest points of the segments p–q and r–s."""
     a = e = f = b = c = 0.0
     for k in range(3):

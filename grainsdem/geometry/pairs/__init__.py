@@ -1,0 +1,1 @@
+"""Kernels for pairs of convex bodies: closest points, depth of an overlap, what touches what, planes between."""
