@@ -1,13 +1,14 @@
 from __future__ import annotations
 
-import builtins
+import importlib.util
 
 import numpy as np
 import pytest
 from conftest import cube_packing
 
 from grainsdem.errors import FileFormatError, InputError, MissingPackageError, ShapeError, WriteError
-from grainsdem.figures import coordination_histogram, energy_plot, render, size_histogram
+from grainsdem.figures import coordination_histogram, energy_plot, render, renders, size_histogram, windows
+from grainsdem.figures.scene import EYE
 from grainsdem.model import ContactGraph, Domain, Packing, Polyhedra
 
 
@@ -42,8 +43,16 @@ def test_a_render_of_a_bed_has_its_size_a_white_ground_and_many_shades(fresh, tm
     assert len(np.unique((image * 255).astype(np.uint8).reshape(-1, 3), axis=0)) > 500
 
 
+@pytest.fixture(params=["opengl", "painter"])
+def backend(request, monkeypatch):
+    """Draw by what works here, and as on a machine without any OpenGL."""
+    if request.param == "painter":
+        monkeypatch.setattr(renders, "find_window", lambda: None)
+    return request.param
+
+
 @pytest.mark.client
-def test_a_cube_of_twice_the_edge_covers_four_times_the_area(tmp_path):
+def test_a_cube_of_twice_the_edge_covers_four_times_the_area(tmp_path, backend):
     # Side by side, across the line of sight, so that perspective shows both alike.
     across = np.array([4.2, 3.0, 0.0]) / np.hypot(4.2, 3.0)
     middle = np.array([5.0, 5.0, 5.0])
@@ -57,12 +66,49 @@ def test_a_cube_of_twice_the_edge_covers_four_times_the_area(tmp_path):
         4 * np.arange(13),
     )
     both = Packing(shapes, [*small.positions, *large.positions], np.eye(4)[[0, 0]], [1, 1], Domain.cube(10.0))
-    image = pixels(render(both, tmp_path / "a.png", color_by="id", size=(800, 600)))
+    image = pixels(render(both, tmp_path / f"{backend}.png", color_by="id", size=(800, 600)))
+    assert image.shape == (600, 800, 3)
     columns = np.flatnonzero(is_ink(image).any(axis=0))
     gap = columns[np.argmax(np.diff(columns))]
     areas = is_ink(image)[:, : gap + 1].sum(), is_ink(image)[:, gap + 1 :].sum()
     assert areas[1] / areas[0] == pytest.approx(4, rel=0.1)
     assert areas[0] > 1000
+
+
+@pytest.mark.client
+def test_the_nearer_grain_hides_the_farther_one(tmp_path, backend):
+    towards = np.array(EYE) / np.linalg.norm(EYE)
+    middle = np.array([5.0, 5.0, 5.0])
+    near_last = cube_packing([middle - 2 * towards, middle + 2 * towards])
+    near_first = cube_packing([middle + 2 * towards, middle - 2 * towards])
+    counts = []
+    for packing, values in ((near_last, [0.0, 1.0]), (near_first, [1.0, 0.0])):
+        image = pixels(render(packing, tmp_path / f"{backend}.png", color_by=values, size=(600, 450)))[:, :420]
+        ink = is_ink(image, saturation=0.15)
+        # viridis runs from purple, where blue leads, to yellow, where blue is least
+        counts.append((np.sum(ink & (image[..., 2] < image[..., 1])), np.sum(ink & (image[..., 2] > image[..., 1]))))
+    assert counts[0] == counts[1]
+    near, far = counts[0]
+    assert near > 3000
+    assert far < 0.1 * near
+
+
+@pytest.mark.golden
+def test_a_render_repeats_to_the_byte(fresh, tmp_path, backend):
+    a, b = (render(fresh, tmp_path / f"{k}{backend}.png", size=(320, 240)).read_bytes() for k in "ab")
+    assert a == b
+
+
+@pytest.mark.unit
+def test_a_window_that_crashes_or_does_not_exist_does_not_work():
+    assert not windows._works("vtkNoSuchWindow")
+    assert windows.find_window() in {
+        "",
+        None,
+        "vtkEGLRenderWindow",
+        "vtkOSOpenGLRenderWindow",
+        "vtkXOpenGLRenderWindow",
+    }
 
 
 @pytest.mark.client
@@ -89,14 +135,8 @@ def test_grains_of_one_size_and_very_small_grains_can_be_drawn(tmp_path):
 
 @pytest.mark.unit
 def test_without_pyvista_a_render_says_how_to_install_it(fresh, tmp_path, monkeypatch):
-    original = builtins.__import__
-
-    def refuse(name, *args, **kwargs):
-        if name.partition(".")[0] == "pyvista":
-            raise ImportError(name)
-        return original(name, *args, **kwargs)
-
-    monkeypatch.setattr(builtins, "__import__", refuse)
+    original = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *a: None if name == "pyvista" else original(name, *a))
     with pytest.raises(MissingPackageError, match=r'pip install "grainsdem\[viz\]"'):
         render(fresh, tmp_path / "a.png")
     assert list(tmp_path.iterdir()) == []
