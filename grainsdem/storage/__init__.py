@@ -1,6 +1,6 @@
 """Packings and histories in HDF5, with schema, version and provenance."""
 
-from grainsdem.storage.hdf5 import SCHEMA_VERSION, SUFFIXES, check_suffix, check_suffix
+from grainsdem.storage.hdf5 import SCHEMA_VERSION, SUFFIXES, check_suffix
 from grainsdem.storage.histories import HistoryWriter, load_history
 from grainsdem.storage.packings import load, save
 
