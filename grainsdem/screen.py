@@ -27,7 +27,7 @@ class ChainProgress:
     console : Console
         Where bars are drawn.
     shown : bool
-        Whether they are.
+        Whether they are; only a terminal shows any.
     """
 
     def __init__(self, console: Console, *, shown: bool = True) -> None:
@@ -38,7 +38,7 @@ class ChainProgress:
             TimeElapsedColumn(),
             TextColumn("{task.fields[words]}"),
             console=console,
-            disable=not shown,
+            disable=not (shown and console.is_terminal),
         )
 
     def __enter__(self) -> Self:

@@ -1,0 +1,49 @@
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.example
+
+ROOT = Path(__file__).parent.parent
+SCRIPTS = sorted((ROOT / "examples").glob("*.py"))
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def run(*words, folder):
+    return subprocess.run([sys.executable, *words], cwd=folder, capture_output=True, text=True, check=True).stdout
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
+def test_every_example_runs_quickly(script, tmp_path):
+    assert run(str(script), "--quick", folder=tmp_path)
+
+
+def test_poured_grains_are_looser_than_grains_left_in_place(tmp_path):
+    printed = run(str(ROOT / "examples" / "pour_and_settle.py"), "--quick", folder=tmp_path)
+    in_place, poured = (float(text) for text in re.findall(r"porosity (0\.\d+)", printed))
+    assert poured > in_place + 0.03
+
+
+def test_the_readmes_python_runs_as_it_stands(tmp_path):
+    (code,) = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
+    run("-c", code, folder=tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == {"bed.usdc", "settled.h5"}
+
+
+def test_the_readmes_commands_run_as_they_stand(tmp_path):
+    section = README.split("## From the command line")[1]
+    commands = re.findall(r"^grainsdem (.*?)(?:\s*#.*)?$", section.split("```")[1], flags=re.MULTILINE)
+    assert len(commands) == 8
+    for command in commands:
+        run("-c", "from grainsdem.cli import main; main()", *command.split(), folder=tmp_path)
+    assert {"bed.h5", "bed.xml", "grains.csv", "settled.h5", "settled.png"} <= {p.name for p in tmp_path.iterdir()}
+
+
+def test_the_demos_recipe_in_the_examples_is_the_one_in_the_package():
+    example = ROOT / "examples" / "ottawa_sand.toml"
+    assert example.read_bytes() == (ROOT / "grainsdem" / "ottawa_sand.toml").read_bytes()
