@@ -1,7 +1,7 @@
 """Grow a bed, pour it, let it settle, and compare it with the bed left in place.
 
-Cells left in place remember the tessellation like a jigsaw: they settle denser than grains that were rotated, shuffled and
-poured. Run with ``--quick`` for a smaller bed.
+Cells left in place remember the tessellation like a jigsaw: they settle denser than grains that were rotated, shuffled
+and poured. Run with ``--quick`` for a smaller bed.
 """
 
 from __future__ import annotations
