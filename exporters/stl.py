@@ -14,6 +14,7 @@ import numpy as np
 from exporters.check import check_choice, check_name, grain_names, measured, refuse
 from exporters.text import filled
 from grainsdem.errors import InputError
+from grainsdem.geometry.integrals import integrate
 from grainsdem.geometry.rotations import world_vertices
 from grainsdem.geometry.triangles import best_apexes, triangles, vector_areas
 from grainsdem.model import Polyhedra
@@ -122,9 +123,10 @@ def surface(packing: Packing, origin: Literal["world", "domain"] = "world") -> t
         grains = _without_doubles(grains, np.unique(flat))
         corners, offsets = _cut(grains)
         flat = owners(offsets)[~vector_areas(corners).any(axis=1)]
-        bad = np.diff(offsets) < 4  # fewer than a tetrahedron has: the grain collapsed
-        bad[flat] = True
-        refuse("grains must not be so flat or small that single precision takes their volume", bad)
+    # A hundredth of the volume: what is left of a flake is closed, but no longer the grain.
+    bad = np.abs(integrate(grains).volumes / volumes - 1.0) > 0.01
+    bad[flat] = True
+    refuse("grains must not be so flat or small that single precision takes their volume", bad)
     return corners, offsets
 
 

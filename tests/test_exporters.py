@@ -1,0 +1,131 @@
+"""What all formats share: the table of suffixes, refusals, and files that are whole or not there."""
+
+import re
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import exporters
+from exporters.text import filled, rows_of_text
+from grainsdem.errors import InputError, WriteError
+from grainsdem.model import Packing, Polyhedra
+
+pytestmark = pytest.mark.unit
+
+SUFFIXES = sorted(exporters.FORMATS)
+
+
+def changed(packing, name, index, value):
+    array = getattr(packing, name).copy()
+    array[index] = value
+    return replace(packing, **{name: array})
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_every_format_writes_the_same_bytes_twice_and_to_disk(poured, tmp_path, suffix):
+    content = exporters.files(poured, suffix)
+    assert exporters.files(poured, suffix) == content
+    paths = exporters.write(poured, tmp_path / f"bed{suffix}")
+    assert paths[0] == tmp_path / f"bed{suffix}"
+    assert {path.name: path.read_bytes() for path in paths} == content
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(content)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_an_empty_packing_is_refused(fresh, suffix):
+    nothing = Polyhedra(np.empty((0, 3)), [0], [0], [], [0])
+    empty = Packing(nothing, np.empty((0, 3)), np.empty((0, 4)), [], fresh.domain)
+    with pytest.raises(InputError, match="at least one grain; got 0"):
+        exporters.files(empty, suffix)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("positions", np.nan, "must be finite; not so: 7"),
+        ("quaternions", np.inf, "must be finite; not so: 7"),
+        ("quaternions", 0.0, "of unit length; not so: 7"),
+        ("densities", np.nan, "must be finite; not so: 7"),
+        ("densities", 0.0, "densities of grains must be positive; not so: 7"),
+    ],
+)
+def test_numbers_that_no_program_can_use_are_refused_with_the_grains_they_are_in(
+    fresh, tmp_path, suffix, name, value, message
+):
+    with pytest.raises(InputError, match=re.escape(message)):
+        exporters.write(changed(fresh, name, 7, value), tmp_path / f"bed{suffix}")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_vertices_that_are_not_finite_and_grains_inside_out_are_refused(fresh, suffix):
+    vertices = fresh.grains.vertices.copy()
+    vertices[fresh.grains.vertex_offsets[3]] = np.nan
+    with pytest.raises(InputError, match="must be finite; not so: 3"):
+        exporters.files(replace(fresh, grains=replace(fresh.grains, vertices=vertices)), suffix)
+    mirrored = replace(fresh.grains, vertices=-fresh.grains.vertices)
+    with pytest.raises(InputError, match=r"wound outward; not so: 0, 1, 2, 3, 4 and \d+ more"):
+        exporters.files(replace(fresh, grains=mirrored), suffix)
+
+
+@pytest.mark.parametrize("suffix", [".obj", "", ".h5"])
+def test_an_unknown_suffix_is_refused_with_the_known_ones(fresh, tmp_path, suffix):
+    with pytest.raises(InputError, match=re.escape(f"{suffix!r}; known are .xml, .usda, .usdc, .stl")):
+        exporters.write(fresh, tmp_path / f"bed{suffix}")
+
+
+def test_a_suffix_in_capitals_is_the_same_format_under_the_name_that_was_asked_for(cube, tmp_path):
+    [path] = exporters.write(cube, tmp_path / "BED.XML")
+    assert path.name == "BED.XML"
+    assert path.read_text().startswith("<mujoco")
+
+
+def test_an_unknown_option_is_refused_with_the_known_ones(fresh):
+    with pytest.raises(InputError, match=r"\.stl has no option friction; it has binary, origin"):
+        exporters.files(fresh, ".stl", friction=0.5)
+
+
+def test_an_existing_file_is_kept_where_it_must_not_be_replaced(cube, tmp_path):
+    table = tmp_path / "bed.grains.csv"
+    table.write_text("mine")
+    with pytest.raises(WriteError, match="bed.grains.csv: exists already"):
+        exporters.write(cube, tmp_path / "bed.stl", overwrite=False)
+    assert [path.name for path in tmp_path.iterdir()] == ["bed.grains.csv"]
+    exporters.write(cube, tmp_path / "bed.stl")
+    assert table.read_text() != "mine"
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_folder_that_is_not_there_is_one_clear_error(cube, tmp_path, suffix):
+    with pytest.raises(WriteError, match="cannot be written: No such file or directory"):
+        exporters.write(cube, tmp_path / "nowhere" / f"bed{suffix}")
+
+
+@pytest.mark.parametrize("name", ["", "a/b", "a\\b", "a\nb"])
+def test_a_name_that_cannot_be_a_file_is_refused(cube, name):
+    for suffix in SUFFIXES:
+        with pytest.raises(InputError, match="name must be the name of a file"):
+            exporters.files(cube, suffix, name=name)
+
+
+def test_importing_exporters_loads_no_client():
+    script = "import sys, exporters, exporters.mjcf, exporters.usd, exporters.stl\nprint(*sys.modules)"
+    run = subprocess.run([sys.executable, "-c", script], capture_output=True, check=True, text=True)
+    assert not {"mujoco", "pxr", "trimesh", "matplotlib"} & set(run.stdout.split())
+
+
+def test_rows_of_text_hold_the_numbers_in_order_across_blocks():
+    counts = np.arange(9000) % 4
+    values = np.linspace(-1.0, 1.0, counts.sum())
+    rows = rows_of_text(values, counts, digits=17)
+    assert [len(row.split()) for row in rows] == counts.tolist()
+    assert [float(word) for row in rows for word in row.split()] == values.tolist()
+
+
+def test_a_pattern_is_repeated_and_minus_zero_is_zero():
+    assert filled("<%g %g>", np.array([[1.0, -0.0], [2.5, 3.0]]), [2]) == ["<1 0><2.5 3>"]
+    assert filled("%d", np.array([], dtype=np.int64), [0, 0], separator=",") == ["", ""]

@@ -1,0 +1,221 @@
+"""USD: opened, validated and read back by pxr."""
+
+import hashlib
+import logging
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import exporters
+from exporters.units import units
+from exporters import usd
+from exporters.usd import UsdOptions
+from grainsdem.errors import InputError
+from grainsdem.geometry.integrals import face_planes, integrate
+from grainsdem.geometry.rotations import random_quaternions, to_matrices, world_vertices
+from grainsdem.packing import rescale
+
+DIAMETERS = [0.2e-3, 1e-3, 0.1]
+
+
+def opened(path):
+    from pxr import Usd
+
+    return Usd.Stage.Open(str(path))
+
+
+def grain_prims(stage):
+    return stage.GetPrimAtPath("/World/Grains").GetChildren()
+
+
+@pytest.fixture(scope="module")
+def tilted(fresh):
+    """The fresh grains, each turned in place: poses that are not the identity."""
+    return replace(fresh, quaternions=random_quaternions(len(fresh), np.random.default_rng(3)), links=None)
+
+
+@pytest.fixture(scope="module")
+def stage(tilted, tmp_path_factory):
+    path = tmp_path_factory.mktemp("usd") / "bed.usdc"
+    exporters.write(tilted, path)
+    return opened(path)
+
+
+@pytest.mark.client
+@pytest.mark.parametrize("suffix", [".usda", ".usdc"])
+@pytest.mark.parametrize("diameter", DIAMETERS)
+def test_the_validators_of_openusd_find_no_error(tilted, tmp_path, suffix, diameter):
+    from pxr import UsdValidation
+
+    scaled = rescale(tilted, diameter / units(tilted).length)
+    [path] = exporters.write(scaled, tmp_path / f"bed{suffix}")
+    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
+    assert len(validators) > 10
+    errors = UsdValidation.ValidationContext(validators).Validate(opened(path))
+    assert [error.GetErrorAsString() for error in errors] == []
+
+
+@pytest.mark.client
+def test_the_stage_says_its_units_its_axis_its_gravity_and_its_default_prim(stage):
+    from pxr import UsdGeom, UsdPhysics
+
+    assert UsdGeom.GetStageMetersPerUnit(stage) == 1.0
+    assert UsdPhysics.GetStageKilogramsPerUnit(stage) == 1.0
+    assert UsdGeom.GetStageUpAxis(stage) == "Z"
+    assert stage.GetDefaultPrim().GetPath() == "/World"
+    scene = UsdPhysics.Scene.Get(stage, "/World/PhysicsScene")
+    assert scene.GetGravityMagnitudeAttr().Get() == pytest.approx(9.81)
+    assert tuple(scene.GetGravityDirectionAttr().Get()) == (0.0, 0.0, -1.0)
+
+
+@pytest.mark.client
+def test_masses_centres_and_inertias_read_back_are_the_exact_ones(stage, tilted):
+    from pxr import UsdPhysics
+
+    exact = integrate(tilted.grains)
+    diameter = units(tilted).length
+    prims = grain_prims(stage)
+    assert [prim.GetName() for prim in prims] == [f"g{i:06d}" for i in range(len(tilted))]
+    for i, prim in enumerate(prims):
+        assert prim.HasAPI(UsdPhysics.RigidBodyAPI)
+        mass = UsdPhysics.MassAPI(prim)
+        assert mass.GetMassAttr().Get() == pytest.approx(exact.volumes[i] * tilted.densities[i], rel=1e-6)
+        assert np.abs(np.array(mass.GetCenterOfMassAttr().Get())).max() < 1e-6 * diameter
+        q = mass.GetPrincipalAxesAttr().Get()
+        [axes] = to_matrices(np.array([[q.GetReal(), *q.GetImaginary()]], dtype=float))
+        moments = np.array(mass.GetDiagonalInertiaAttr().Get(), dtype=float)
+        wanted = exact.inertias[i] * tilted.densities[i]
+        assert np.abs(axes @ np.diag(moments) @ axes.T - wanted).max() < 1e-6 * np.abs(wanted).max()
+
+
+@pytest.mark.client
+def test_vertices_in_the_world_of_the_stage_are_ours(stage, tilted):
+    from pxr import Usd, UsdGeom
+
+    ours, offsets = world_vertices(tilted), tilted.grains.vertex_offsets
+    cache = UsdGeom.XformCache(Usd.TimeCode.Default())
+    diameter = units(tilted).length
+    for i, prim in enumerate(grain_prims(stage)):
+        mesh = UsdGeom.Mesh(prim.GetChild("shape"))
+        points = np.array(mesh.GetPointsAttr().Get(), dtype=float)
+        matrix = np.array(cache.GetLocalToWorldTransform(mesh.GetPrim()))
+        theirs = np.c_[points, np.ones(len(points))] @ matrix  # row vectors, as USD has them
+        assert np.abs(theirs[:, :3] - ours[offsets[i] : offsets[i + 1]]).max() < 1e-6 * diameter
+
+
+@pytest.mark.client
+def test_meshes_are_convex_colliders_with_normals_of_their_faces(stage, tilted):
+    from pxr import UsdGeom, UsdPhysics, UsdShade
+
+    normals = face_planes(tilted.grains).normals
+    first = 0
+    for prim in grain_prims(stage):
+        shape = prim.GetChild("shape")
+        mesh = UsdGeom.Mesh(shape)
+        points = np.array(mesh.GetPointsAttr().Get())
+        counts = np.array(mesh.GetFaceVertexCountsAttr().Get())
+        assert shape.HasAPI(UsdPhysics.CollisionAPI)
+        assert UsdPhysics.MeshCollisionAPI(shape).GetApproximationAttr().Get() == "convexHull"
+        assert mesh.GetSubdivisionSchemeAttr().Get() == "none"
+        assert mesh.GetNormalsInterpolation() == "faceVarying"
+        theirs = np.array(mesh.GetNormalsAttr().Get())
+        assert np.allclose(theirs, np.repeat(normals[first : first + counts.size], counts, axis=0), atol=1e-6)
+        first += counts.size
+        assert np.array_equal(np.array(mesh.GetExtentAttr().Get()), [points.min(axis=0), points.max(axis=0)])
+        material, _ = UsdShade.MaterialBindingAPI(shape).ComputeBoundMaterial("physics")
+        assert UsdPhysics.MaterialAPI(material.GetPrim()).GetStaticFrictionAttr().Get() == 0.5
+    assert first == tilted.grains.n_faces
+
+
+@pytest.mark.client
+def test_physx_and_newton_get_distances_of_the_size_of_grains(stage, tilted):
+    diameter = units(tilted).length
+    for prim in grain_prims(stage):
+        shape = prim.GetChild("shape")
+        thickness = shape.GetAttribute("physxConvexHullCollision:minThickness").Get()
+        assert thickness == pytest.approx(1e-3 * diameter)
+        assert shape.GetAttribute("newton:contactGap").Get() == pytest.approx(0.01 * diameter)
+
+
+@pytest.mark.client
+@pytest.mark.parametrize(("walls", "n_walls"), [("box", 5), ("floor", 1), ("none", 0)])
+def test_static_boxes_close_the_domain_around_the_grains(fresh, tmp_path, walls, n_walls):
+    from pxr import Usd, UsdGeom, UsdPhysics
+
+    [path] = exporters.write(fresh, tmp_path / "bed.usda", walls=walls, wall_friction=0.2)
+    stage = opened(path)
+    container = stage.GetPrimAtPath("/World/Container")
+    prims = container.GetChildren() if container else []
+    assert len(prims) == n_walls
+    cache = UsdGeom.BBoxCache(Usd.TimeCode.Default(), ["default"])
+    lower, upper = fresh.domain.lower, fresh.domain.upper
+    planes = {
+        "floor": (2, lower),
+        "wall_x0": (0, lower),
+        "wall_x1": (0, upper),
+        "wall_y0": (1, lower),
+        "wall_y1": (1, upper),
+    }
+    for prim in prims:
+        assert prim.HasAPI(UsdPhysics.CollisionAPI)
+        assert not prim.HasAPI(UsdPhysics.RigidBodyAPI)
+        box = cache.ComputeWorldBound(prim).ComputeAlignedRange()
+        axis, corner = planes[prim.GetName()]
+        inner = box.GetMin()[axis] if corner is upper else box.GetMax()[axis]
+        assert inner == pytest.approx(corner[axis], abs=1e-6 * upper[axis])
+        others = [k for k in range(3) if k != axis]
+        assert all(box.GetMin()[k] <= lower[k] + 1e-9 and box.GetMax()[k] >= upper[k] - 1e-9 for k in others)
+
+
+@pytest.mark.client
+@pytest.mark.parametrize("suffix", [".usda", ".usdc"])
+def test_the_same_packing_gives_the_same_bytes_in_another_process(cube, suffix):
+    def digest(packing):
+        return hashlib.sha256(exporters.files(packing, suffix)[f"bed{suffix}"]).hexdigest()
+
+    script = (
+        "import sys, pickle, hashlib, exporters\n"
+        "packing = pickle.load(sys.stdin.buffer)\n"
+        f"print(hashlib.sha256(exporters.files(packing, {suffix!r})['bed{suffix}']).hexdigest())"
+    )
+    import pickle
+
+    run = subprocess.run([sys.executable, "-c", script], input=pickle.dumps(cube), capture_output=True, check=True)
+    assert run.stdout.decode().strip() == digest(cube) == digest(cube)
+
+
+@pytest.mark.golden
+def test_the_layer_of_one_cube_is_known_and_opens(cube, tmp_path):
+    [path] = exporters.write(cube, tmp_path / "cube.usda", walls="none")
+    lines = [line.strip() for line in path.read_text().splitlines()]
+    assert lines[0] == "#usda 1.0"
+    assert "float physics:mass = 8" in lines  # edge 2, density 1
+    assert "float3 physics:diagonalInertia = (5.3333335, 5.3333335, 5.3333335)" in lines
+    assert "quatf physics:principalAxes = (1, 0, 0, 0)" in lines
+    assert "double3 xformOp:translate = (2, 2, 2)" in lines
+    assert "int[] faceVertexCounts = [4, 4, 4, 4, 4, 4]" in lines
+    assert "float3[] extent = [(-1, -1, -1), (1, 1, 1)]" in lines
+    assert len(grain_prims(opened(path))) == 1
+
+
+@pytest.mark.unit
+def test_grains_that_physx_would_simplify_are_named_in_the_log(cube, caplog, monkeypatch):
+    with caplog.at_level(logging.WARNING):
+        usd.files(cube)
+    assert not caplog.records
+    monkeypatch.setattr(usd, "_MOST_VERTICES", 7)
+    with caplog.at_level(logging.WARNING):
+        usd.files(cube)
+    assert "more have grains 0" in caplog.text
+
+
+@pytest.mark.unit
+@pytest.mark.parametrize("option", ["friction", "restitution", "gravity", "contact_gap", "wall_friction"])
+def test_options_out_of_range_are_refused(option):
+    with pytest.raises(InputError, match=f"{option} must be zero or more and finite; got -1"):
+        UsdOptions(**{option: -1.0})
+    with pytest.raises(InputError, match="walls must be one of box, floor, none; got 'lid'"):
+        UsdOptions(walls="lid")
