@@ -23,13 +23,11 @@ if TYPE_CHECKING:
 SURFACE_PERCENTILE = 10.0
 """Share of columns [%] whose top may lie below the surface of a bed: a few pits, or a heap's foot."""
 
-COLUMN_WIDTH = 2.0
+COLUMN_WIDTH = 1.0
 """Width of the columns that the surface is looked for in, in mean diameters: wide enough to hold a grain."""
 
 
-def porosity(
-    packing: Packing, *, region: Literal["cells", "domain"] | tuple[ArrayLike, ArrayLike] = "cells"
-) -> float:
+def porosity(packing: Packing, *, region: Literal["cells", "domain"] | tuple[ArrayLike, ArrayLike] = "cells") -> float:
     """Return the void fraction of a region.
 
     Parameters
@@ -61,9 +59,7 @@ def porosity(
     try:
         lower, upper = (np.asarray(corner, dtype=np.float64) for corner in region)
     except (TypeError, ValueError) as error:
-        raise InputError(
-            f"region must be 'cells', 'domain' or the two corners of a box; got {region!r}"
-        ) from error
+        raise InputError(f"region must be 'cells', 'domain' or the two corners of a box; got {region!r}") from error
     return _of_box(packing, lower, upper)
 
 
@@ -90,9 +86,10 @@ def core_box(packing: Packing, *, margin: float = 1.0) -> Box:
 
     Notes
     -----
-    The floor's area is parted into columns two diameters wide. Each column's top is its highest vertex, and
-    the surface is the tenth percentile of the tops: a grain that lies alone on the bed lifts one column and
-    changes nothing, and the box stays below all but the deepest pits.
+    The floor's area is parted into columns about one diameter wide. Each column's top is its highest vertex, and the
+    surface is the tenth percentile of the tops: a grain that lies alone on the bed lifts one column and changes
+    nothing, and the box stays below all but the deepest pits. Wider columns would each find one of the highest grains
+    of the surface, and put the surface where a bed is half empty already.
     """
     if margin < 0:
         raise InputError(f"margin must be zero or more; got {margin}")
@@ -111,9 +108,7 @@ def core_box(packing: Packing, *, margin: float = 1.0) -> Box:
 
 def _of_cells(packing: Packing) -> float:
     if packing.links is None:
-        raise InputError(
-            "the grains have left the cells they grew in; give region='domain' or the corners of a box"
-        )
+        raise InputError("the grains have left the cells they grew in; give region='domain' or the corners of a box")
     return float(1 - volumes(packing.grains).sum() / packing.links.cell_volumes.sum())
 
 

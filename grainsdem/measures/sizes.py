@@ -74,9 +74,7 @@ def percentiles(values: ArrayLike, q: ArrayLike, *, weights: ArrayLike | None = 
     if not np.isfinite(x).all():
         raise InputError(f"values must be finite; {int((~np.isfinite(x)).sum())} of {x.size} are not")
     if not (np.isfinite(w).all() and (w >= 0).all() and w.sum() > 0):
-        raise InputError(
-            f"weights must be finite, zero or more, and not all zero; the least is {float(w.min())}"
-        )
+        raise InputError(f"weights must be finite, zero or more, and not all zero; the least is {float(w.min())}")
     if not ((percentages >= 0) & (percentages <= 100)).all():
         raise InputError(f"percentages must lie in [0, 100]; got {percentages.tolist()}")
     order = np.lexsort((w, x))  # equal values by their weight: the order they are given in must not matter
