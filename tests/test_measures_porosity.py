@@ -108,6 +108,17 @@ def test_a_grain_lying_on_the_bed_does_not_lift_its_surface_but_a_missing_layer_
 
 
 @pytest.mark.unit
+def test_the_core_of_a_furrowed_bed_lies_below_its_furrows():
+    # Furrows three grains wide every six: wide columns would find a ridge in each and put the surface on the ridges.
+    domain = Domain.box((24.0, 24.0, 40.0))
+    bed = lattice((24, 24, 4), domain=domain).positions
+    furrowed = cube_packing(bed[(bed[:, 2] < 3) | (bed[:, 0] % 6 < 3)], half=0.5, domain=domain)
+    lower, upper = core_box(furrowed)
+    assert upper[2] == pytest.approx(3 - np.cbrt(6 / np.pi))
+    assert porosity(furrowed, region=(lower, [*upper[:2], 3.0])) == pytest.approx(0, abs=1e-12)
+
+
+@pytest.mark.unit
 def test_the_core_takes_the_whole_of_a_periodic_axis():
     domain = Domain(np.zeros(3), [8.0, 8.0, 40.0], [True, False, False])
     packing = lattice((8, 8, 6), domain=domain)
