@@ -1,0 +1,44 @@
+"""What every noun does with its arrays: check them, freeze them, and stay frozen when copied."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from grainsdem.errors import ShapeError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+
+def read_only(name: str, value: ArrayLike, dtype: type, shape: tuple[int | None, ...]) -> NDArray[Any]:
+    """Return ``value`` as a read-only C-contiguous array of the given shape (None: any length)."""
+    array: NDArray[Any] = np.ascontiguousarray(value, dtype=dtype)
+    if array.ndim != len(shape) or any(w is not None and g != w for g, w in zip(array.shape, shape, strict=True)):
+        wanted = ", ".join("n" if w is None else str(w) for w in shape)
+        raise ShapeError(f"{name} must have shape ({wanted}); got {np.shape(value)}")
+    array = array.view()
+    array.flags.writeable = False
+    return array
+
+
+class Noun:
+    """Rebuilds itself through its constructor, so that copies and pickles are checked and read-only again."""
+
+    __slots__ = ()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        values = {f.name: getattr(self, f.name) for f in fields(self) if f.init}  # type: ignore[arg-type]
+        return _rebuild, (type(self), values)
+
+    def freeze(self, name: str, dtype: type, *shape: int | None) -> NDArray[Any]:
+        """Replace a field by a read-only array of the given type and shape, and return it."""
+        array = read_only(name, getattr(self, name), dtype, shape)
+        object.__setattr__(self, name, array)
+        return array
+
+
+def _rebuild(kind: type, values: dict[str, Any]) -> Any:
+    return kind(**values)

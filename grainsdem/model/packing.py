@@ -1,0 +1,104 @@
+"""Grains in a domain, and what they still know of their cells."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from grainsdem.errors import ShapeError
+from grainsdem.model.arrays import Noun
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from grainsdem.model.domain import Domain
+    from grainsdem.model.shapes import Polyhedra
+
+    Floats = NDArray[np.float64]
+    Ints = NDArray[np.int32]
+
+DROPPED = np.iinfo(np.int32).min
+"""Neighbour of a face whose other cell was dropped when the packing was carved."""
+
+QUARTZ_DENSITY = 2650.0
+"""Density of quartz [kg/m³], the default of every packing."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CellLinks(Noun):
+    """What grains in place still know of the tessellation that they were carved from.
+
+    Parameters
+    ----------
+    neighbors : array_like of int32, shape (n_faces,)
+        The grain across each face; negative for a wall (see `Domain`), `DROPPED` where that cell was dropped.
+    shifts : array_like of int8, shape (n_faces, 3)
+        Periodic image of that neighbour, in whole domain lengths.
+    cell_volumes : array_like, shape (n,)
+        Volume [m³] of the cell that each grain was shrunk from.
+    """
+
+    neighbors: Ints
+    shifts: NDArray[np.int8]
+    cell_volumes: Floats
+
+    def __post_init__(self) -> None:
+        neighbors = self.freeze("neighbors", np.int32, None)
+        self.freeze("shifts", np.int8, neighbors.size, 3)
+        self.freeze("cell_volumes", np.float64, None)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Packing(Noun):
+    """Grains in a domain, each with a pose and a density.
+
+    Parameters
+    ----------
+    grains : Polyhedra
+        Shapes, each about its own centroid.
+    positions : array_like, shape (n, 3)
+        Centroid [m] of each grain.
+    quaternions : array_like, shape (n, 4)
+        Rotation (w, x, y, z) from each grain's frame to the world, of unit length.
+    densities : array_like, shape (n,)
+        Density [kg/m³] of each grain.
+    domain : Domain
+        The container.
+    links : CellLinks, optional
+        Neighbours in the tessellation, while they are still meaningful.
+    provenance : tuple of str
+        What made it: one JSON object a step, oldest first.
+    """
+
+    grains: Polyhedra
+    positions: Floats
+    quaternions: Floats
+    densities: Floats
+    domain: Domain
+    links: CellLinks | None = None
+    provenance: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        n = len(self.grains)
+        self.freeze("positions", np.float64, n, 3)
+        self.freeze("quaternions", np.float64, n, 4)
+        self.freeze("densities", np.float64, n)
+        object.__setattr__(self, "provenance", tuple(self.provenance))
+        if self.links is not None:
+            if self.links.neighbors.size != self.grains.n_faces:
+                raise ShapeError(
+                    f"links must have one neighbour a face: {self.grains.n_faces}; got {self.links.neighbors.size}"
+                )
+            if self.links.cell_volumes.size != n:
+                raise ShapeError(f"links must have one cell volume a grain: {n}; got {self.links.cell_volumes.size}")
+
+    def __len__(self) -> int:
+        return len(self.grains)
+
+    def with_step(self, step: str, **options: Any) -> Packing:
+        """Return the same packing with one more step in its provenance; options must be JSON values."""
+        line = json.dumps({"step": step, **options}, sort_keys=True)
+        return replace(self, provenance=(*self.provenance, line))
