@@ -145,6 +145,20 @@ def test_shuffled_rotations_have_no_preferred_direction(fresh):
     assert (abs(axes.mean(axis=0)) < 5 * np.sqrt(1 / 3 / len(axes))).all()
 
 
+def test_grains_shuffled_in_a_cylinder_stay_inside_its_planes(fresh):
+    round_ = replace(fresh, domain=Domain.cylinder(3e-3, 7e-3, sides=16))
+    lifted = shuffle(round_, rng=3)
+    assert len(lifted) == len(fresh)
+    for plane in lifted.domain.planes:
+        assert (world_vertices(lifted) @ plane[:3] < plane[3]).all()
+
+
+def test_a_cylinder_too_narrow_for_a_grain_is_refused(fresh):
+    narrow = replace(fresh, domain=Domain.cylinder(6e-4, 7e-3, sides=16))
+    with pytest.raises(InputError, match=r"(leave no room|wider than)"):
+        shuffle(narrow)
+
+
 def test_shuffling_is_reproducible_and_forgets_the_neighbours(fresh):
     one, two = shuffle(fresh, rng=9), shuffle(fresh, rng=9)
     assert one.positions.tobytes() == two.positions.tobytes()

@@ -272,3 +272,11 @@ def test_rows_and_frames_that_do_not_fit_are_refused(tmp_path):
     ):
         history.append_frame(0, positions=np.ones((1, 3)), quaternions=np.ones((1, 4)))
     assert len(load_history(tmp_path / "run.h5")["time"]) == 0
+
+
+@pytest.mark.unit
+def test_a_domain_cut_by_planes_comes_back_with_them(fresh, tmp_path):
+    cylinder = replace(fresh, domain=Domain.cylinder(5e-3, 7e-3, sides=16))
+    back = load(save(cylinder, tmp_path / "bed.h5"))
+    np.testing.assert_array_equal(back.domain.planes, cylinder.domain.planes)
+    assert back.domain.volume == cylinder.domain.volume

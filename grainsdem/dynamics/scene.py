@@ -13,7 +13,7 @@ import numpy as np
 
 from exporters import mjcf
 from grainsdem.errors import InputError
-from grainsdem.model import ContactGraph, Domain, Packing
+from grainsdem.model import ContactGraph, Packing
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -67,7 +67,6 @@ class Scene:
             self.source,
             positions=positions * self.units.length,
             quaternions=quaternions,
-            domain=Domain(self.source.domain.lower, self.source.domain.upper),
             links=None,
         )
 

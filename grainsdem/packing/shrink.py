@@ -9,7 +9,7 @@ import numpy as np
 
 from grainsdem.errors import InputError
 from grainsdem.geometry.integrals import volumes
-from grainsdem.model import CellLinks, Domain, Packing, Polyhedra
+from grainsdem.model import CellLinks, Packing, Polyhedra
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -89,13 +89,12 @@ def rescale(packing: Packing, factor: float) -> Packing:
     """
     if not (np.isfinite(factor) and factor > 0):
         raise InputError(f"factor must be positive and finite; got {factor}")
-    domain = packing.domain
     links = packing.links
     return replace(
         packing,
         grains=_with_vertices(packing.grains, packing.grains.vertices * factor),
         positions=packing.positions * factor,
-        domain=Domain(domain.lower * factor, domain.upper * factor, domain.periodic, domain.is_planar),
+        domain=packing.domain.scaled(factor),
         links=None if links is None else CellLinks(links.neighbors, links.shifts, links.cell_volumes * factor**3),
     ).with_step("rescale", factor=float(factor))
 

@@ -19,6 +19,9 @@ from grainsdem.packing.carve import select
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+_DOUBLINGS = 8
+"""How often the number of layers is doubled where a domain's planes leave little of each."""
+
 
 def shuffle(packing: Packing, *, rng: np.random.Generator | int | None = None, clearance: float = 0.02) -> Packing:
     """Return the grains in random order and at random rotations, spaced on a lattice that fills the domain upward.
@@ -59,24 +62,34 @@ def shuffle(packing: Packing, *, rng: np.random.Generator | int | None = None, c
             f"the floor {domain.lengths[:2].tolist()} m must be wider than the largest grain, {pitch:.4g} m with "
             f"clearance"
         )
-    positions, height = _lattice(len(packing), columns, domain, pitch)
+    positions = _lattice(len(packing), columns, domain, pitch)
     turned = multiply(random_quaternions(len(packing), generator), packing.quaternions[order])
-    upper = np.array([*domain.upper[:2], domain.lower[2] + height])
+    upper = np.array([*domain.upper[:2], positions[-1, 2] + 0.5 * pitch])
     return replace(
         packing,
         grains=grains,
         positions=positions,
         quaternions=turned / np.linalg.norm(turned, axis=1, keepdims=True),
         densities=packing.densities[order],
-        domain=Domain(domain.lower, upper),
+        domain=Domain(domain.lower, upper, planes=domain.planes),
         links=None,
     ).with_step("shuffle", clearance=clearance)
 
 
-def _lattice(n: int, columns: NDArray[np.int64], domain: Domain, pitch: float) -> tuple[NDArray[np.float64], float]:
-    """Return ``n`` places, layer by layer from the floor, and the height they take."""
-    index = np.arange(n)
+def _lattice(n: int, columns: NDArray[np.int64], domain: Domain, pitch: float) -> NDArray[np.float64]:
+    """Return ``n`` places in the domain, layer by layer from the floor; its planes reach upward past its lid."""
     per_layer = int(columns.prod())
-    ijk = np.stack([index % columns[0], index // columns[0] % columns[1], index // per_layer], axis=1)
     spacing = np.append(domain.lengths[:2] / columns, pitch)
-    return domain.lower + (ijk + 0.5) * spacing, float((ijk[-1, 2] + 1) * pitch)
+    n_layers = -(-n // per_layer)
+    for _ in range(_DOUBLINGS):
+        index = np.arange(n_layers * per_layer)
+        ijk = np.stack([index % columns[0], index // columns[0] % columns[1], index // per_layer], axis=1)
+        places = domain.lower + (ijk + 0.5) * spacing
+        is_inside = np.ones(len(places), dtype=bool)
+        for plane in domain.planes:
+            is_inside &= places @ plane[:3] <= plane[3] - 0.5 * pitch
+        if np.count_nonzero(is_inside) >= n:
+            chosen: NDArray[np.float64] = places[is_inside][:n]
+            return chosen
+        n_layers *= 2
+    raise InputError(f"the domain's planes leave no room to lift {n} grains of {pitch:.4g} m apart")

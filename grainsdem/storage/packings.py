@@ -89,6 +89,7 @@ def _arrays(packing: Packing) -> dict[str, NDArray[Any]]:
         "domain/lower": domain.lower,
         "domain/upper": domain.upper,
         "domain/periodic": domain.periodic,
+        "domain/planes": domain.planes,
         "grains/vertices": grains.vertices,
         "grains/vertex_offsets": grains.vertex_offsets,
         "grains/face_offsets": grains.face_offsets,
@@ -110,13 +111,15 @@ def _packing(file: h5py.File) -> Packing:
     links = None
     if "links" in file:
         links = CellLinks(*(read_dataset(file, f"links/{name}") for name in ("neighbors", "shifts", "cell_volumes")))
-    lower, upper, periodic = (read_dataset(file, f"domain/{name}") for name in ("lower", "upper", "periodic"))
+    lower, upper, periodic, planes = (
+        read_dataset(file, f"domain/{name}") for name in ("lower", "upper", "periodic", "planes")
+    )
     return Packing(
         Polyhedra(*(read_dataset(file, f"grains/{name}") for name in names)),
         read_dataset(file, "positions"),
         read_dataset(file, "quaternions"),
         read_dataset(file, "densities"),
-        Domain(lower, upper, periodic, is_planar=bool(file["domain"].attrs["is_planar"])),
+        Domain(lower, upper, periodic, is_planar=bool(file["domain"].attrs["is_planar"]), planes=planes),
         links,
         tuple(json.loads(to_text(file.attrs["provenance"]))),
     )
