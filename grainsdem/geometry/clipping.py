@@ -52,7 +52,7 @@ def box_planes(lower: ArrayLike, upper: ArrayLike) -> NDArray[np.float64]:
 
 
 @njit(cache=True)
-def _gather(i, rotation, mesh):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _gather(i, rotation, mesh):  # type: ignore[no-untyped-def]
     """Return the turned corner points of one polyhedron, face after face, and the start of each face."""
     vertices, vertex_offsets, face_offsets, corners, corner_offsets = mesh
     f0, f1 = face_offsets[i], face_offsets[i + 1]
@@ -65,15 +65,13 @@ def _gather(i, rotation, mesh):  # type: ignore[no-untyped-def]  # noqa: ANN001,
         v = v0 + corners[c0 + c]
         for k in range(3):
             points[c, k] = (
-                rotation[k, 0] * vertices[v, 0]
-                + rotation[k, 1] * vertices[v, 1]
-                + rotation[k, 2] * vertices[v, 2]
+                rotation[k, 0] * vertices[v, 0] + rotation[k, 1] * vertices[v, 1] + rotation[k, 2] * vertices[v, 2]
             )
     return points, starts
 
 
 @njit(cache=True)
-def _cut(points, starts, plane, slack):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _cut(points, starts, plane, slack):  # type: ignore[no-untyped-def]
     """Return the part of a convex polyhedron at n · x <= d, in the same layout, closed by a cap."""
     nx, ny, nz, d = plane
     n_faces, n = starts.size - 1, points.shape[0]
@@ -106,9 +104,7 @@ def _cut(points, starts, plane, slack):  # type: ignore[no-untyped-def]  # noqa:
         # The cap is convex: its corners in order of the angle about their mean, seen against the normal.
         # Each edge of the polyhedron gives its crossing twice; the copies follow one another and span no
         # area.
-        ux, uy, uz = (
-            (0.0, nz, -ny) if abs(nx) < 0.5 * np.sqrt(nx * nx + ny * ny + nz * nz) else (-nz, 0.0, nx)
-        )
+        ux, uy, uz = (0.0, nz, -ny) if abs(nx) < 0.5 * np.sqrt(nx * nx + ny * ny + nz * nz) else (-nz, 0.0, nx)
         wx, wy, wz = ny * uz - nz * uy, nz * ux - nx * uz, nx * uy - ny * ux
         norm_u = np.sqrt(ux * ux + uy * uy + uz * uz)
         norm_w = np.sqrt(wx * wx + wy * wy + wz * wz)
@@ -130,7 +126,7 @@ def _cut(points, starts, plane, slack):  # type: ignore[no-untyped-def]  # noqa:
 
 
 @njit(cache=True)
-def _volume(points, starts):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _volume(points, starts):  # type: ignore[no-untyped-def]
     """Return the volume of a closed polyhedron given by the corner points of its faces."""
     volume6 = 0.0
     for f in range(starts.size - 1):
@@ -146,7 +142,7 @@ def _volume(points, starts):  # type: ignore[no-untyped-def]  # noqa: ANN001, AN
 
 
 @njit(cache=True, parallel=True)
-def _clipped(mesh, rotations, positions, planes, volumes):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _clipped(mesh, rotations, positions, planes, volumes):  # type: ignore[no-untyped-def]
     for i in prange(volumes.size):
         points, starts = _gather(i, rotations[i], mesh)
         empty = points.shape[0] == 0
@@ -204,9 +200,7 @@ def clipped_volumes(packing: Packing, planes: ArrayLike) -> NDArray[np.float64]:
         raise ShapeError(f"planes must have shape (k, 4); got {half_spaces.shape}")
     bad = np.flatnonzero(~np.isfinite(half_spaces).all(axis=1) | (half_spaces[:, :3] == 0).all(axis=1))
     if bad.size:
-        raise InputError(
-            f"planes must be finite with a normal; plane {bad[0]} is {half_spaces[bad[0]].tolist()}"
-        )
+        raise InputError(f"planes must be finite with a normal; plane {bad[0]} is {half_spaces[bad[0]].tolist()}")
     result = np.empty(len(packing))
     g = packing.grains
     mesh = g.vertices, g.vertex_offsets, g.face_offsets, g.face_vertices, g.face_vertex_offsets

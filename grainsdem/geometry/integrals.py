@@ -42,7 +42,7 @@ class Integrals(NamedTuple):
 
 
 @njit(cache=True, parallel=True)
-def _integrate(vertices, vertex_offsets, face_offsets, corners, corner_offsets, volumes, areas, centroids, inertias):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _integrate(vertices, vertex_offsets, face_offsets, corners, corner_offsets, volumes, areas, centroids, inertias):  # type: ignore[no-untyped-def]
     for i in prange(vertex_offsets.size - 1):
         v0 = vertex_offsets[i]
         count = vertex_offsets[i + 1] - v0
@@ -134,7 +134,7 @@ def integrate(polyhedra: Polyhedra) -> Integrals:
 
 
 @njit(cache=True, parallel=True)
-def _face_planes(vertices, vertex_offsets, face_offsets, corners, corner_offsets, normals, heights, areas):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _face_planes(vertices, vertex_offsets, face_offsets, corners, corner_offsets, normals, heights, areas):  # type: ignore[no-untyped-def]
     for i in prange(vertex_offsets.size - 1):
         v0 = vertex_offsets[i]
         for f in range(face_offsets[i], face_offsets[i + 1]):
@@ -144,8 +144,10 @@ def _face_planes(vertices, vertex_offsets, face_offsets, corners, corner_offsets
             for c in range(c0 + 1, c1 - 1):
                 b = v0 + corners[c]
                 d = v0 + corners[c + 1]
-                ux, uy, uz = (vertices[b, 0] - vertices[a, 0], vertices[b, 1] - vertices[a, 1], vertices[b, 2] - vertices[a, 2])
-                wx, wy, wz = (vertices[d, 0] - vertices[a, 0], vertices[d, 1] - vertices[a, 1], vertices[d, 2] - vertices[a, 2])
+                ux, uy = vertices[b, 0] - vertices[a, 0], vertices[b, 1] - vertices[a, 1]
+                uz = vertices[b, 2] - vertices[a, 2]
+                wx, wy = vertices[d, 0] - vertices[a, 0], vertices[d, 1] - vertices[a, 1]
+                wz = vertices[d, 2] - vertices[a, 2]
                 nx += uy * wz - uz * wy
                 ny += uz * wx - ux * wz
                 nz += ux * wy - uy * wx
