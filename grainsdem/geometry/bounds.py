@@ -69,8 +69,8 @@ def near_pairs(lower: Floats, upper: Floats, within: float = 0.0) -> NDArray[np.
     InputError
         If a corner is not finite, an upper corner lies below its lower one, or ``within`` is negative.
     """
-    lower = np.ascontiguousarray(lower, dtype=np.float64)
-    upper = np.ascontiguousarray(upper, dtype=np.float64)
+    lower = np.require(lower, np.float64, ["C", "W"])  # one layout: another would compile the kernels again
+    upper = np.require(upper, np.float64, ["C", "W"])
     if lower.ndim != 2 or lower.shape[1] != 3 or lower.shape != upper.shape:
         raise ShapeError(f"boxes must be two arrays of shape (n, 3); got {lower.shape} and {upper.shape}")
     if not (np.isfinite(within) and within >= 0):
@@ -78,6 +78,7 @@ def near_pairs(lower: Floats, upper: Floats, within: float = 0.0) -> NDArray[np.
     bad = np.flatnonzero(~(np.isfinite(lower) & np.isfinite(upper) & (lower <= upper)).all(axis=1))
     if bad.size:
         raise InputError(f"boxes must be finite and run upward; {bad.size} do not: {name_offenders(bad)}")
+    within = float(within)
     n = len(lower)
     if n < 2:
         return np.empty((0, 2), dtype=np.int32)
@@ -202,7 +203,7 @@ def _bucket(x: int, y: int, z: int, bits: int) -> int:
     key = np.uint64(x) * np.uint64(0x9E3779B97F4A7C15)
     key = (key ^ (key >> np.uint64(29)) ^ np.uint64(y)) * np.uint64(0xBF58476D1CE4E5B9)
     key = (key ^ (key >> np.uint64(32)) ^ np.uint64(z)) * np.uint64(0x94D049BB133111EB)
-    return np.int64((key ^ (key >> np.uint64(31))) >> np.uint64(64 - bits))
+    return int((key ^ (key >> np.uint64(31))) >> np.uint64(64 - bits))
 
 
 @njit(cache=True)

@@ -5,7 +5,7 @@ Each pair is solved in the frame of its first grain, so answers do not depend on
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numba import njit, prange
@@ -90,10 +90,10 @@ def measure_gaps(solids: Bodies, pairs: NDArray[np.int32], offsets: Floats, limi
     pair of edges that could be the shortest way out is tried instead.
     """
     m = len(pairs)
-    vectors = [np.zeros((m, 3)) for _ in range(4)]
-    result = Gaps(np.full(m, np.inf), *vectors, np.zeros(m), np.zeros((m, 2), dtype=np.int8))
+    a, b, c, d = (np.zeros((m, 3)) for _ in range(4))
+    result = Gaps(np.full(m, np.inf), a, b, c, d, np.zeros(m), np.zeros((m, 2), dtype=np.int8))
     room = 2 * int(np.diff(solids.corner_offsets).max(initial=2)) + 8  # a clipped polygon has corners of both
-    _measure(solids, pairs, np.ascontiguousarray(offsets), limit, room, result)
+    _measure(solids, _plain(pairs, np.int32), _plain(offsets, np.float64), float(limit), room, result)
     return result
 
 
@@ -125,67 +125,82 @@ def certify(solids: Bodies, pairs: NDArray[np.int32], offsets: Floats) -> tuple[
     """
     normals = np.zeros((len(pairs), 3))
     margins = np.full(len(pairs), -np.inf)
-    _certify(solids, pairs, np.ascontiguousarray(offsets), normals, margins)
+    _certify(solids, _plain(pairs, np.int32), _plain(offsets, np.float64), normals, margins)
     return normals, margins
+
+
+def _plain(array: NDArray[Any], dtype: type) -> NDArray[Any]:
+    """Return the array in the one layout that the kernels are compiled for: another would compile them again."""
+    return np.require(array, dtype, ["C", "W"])
 
 
 @njit(cache=True, parallel=True)
 def _measure(solids: Bodies, pairs: NDArray[np.int32], offsets: Floats, limit: float, room: int, out: Gaps) -> None:
     m = len(pairs)
-    # numba writes from its threads into arrays, not into arrays inside a tuple.
+    # numba's threads write into arrays, not into arrays inside a tuple: they get a tuple of their own.
     gaps, normals, firsts, seconds, centres, areas, features = out
     for block in prange((m + CHUNK - 1) // CHUNK):
-        simplex = make_simplex()
-        nowhere = np.zeros(3)
-        u, w, pa, pb, centre = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(2)
-        picked, segments = np.empty(2, dtype=np.int64), np.empty((4, 3))
-        poly_a, poly_b = np.empty(room, dtype=np.int64), np.empty(room, dtype=np.int64)
-        flat_a, flat_b, spare = np.empty((room, 2)), np.empty((room, 2)), np.empty((room, 2))
-        for row in range(block * CHUNK, min(m, (block + 1) * CHUNK)):
-            a, b = pairs[row, 0], pairs[row, 1]
-            t = offsets[row]
-            n = simplex.nearest
-            state, count, lower = descend(solids, a, b, t, limit, simplex)
-            if state == FAR:
-                continue
-            size = solids.radii[a] + solids.radii[b]
-            apart = closest_points(solids, count, t, simplex, pa, pb)
-            gap = np.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
-            # Below 1e-9 of a grain the direction is rounding; above, the bound must meet the distance.
-            if state != OVERLAPPING and gap > 1e-9 * size and gap - lower <= 1e-12 * size:
-                n[0], n[1], n[2] = n[0] / gap, n[1] / gap, n[2] / gap
-            else:
-                gap = _solve_near(solids, a, b, t, pa, pb, apart, n, picked, segments)
-            if gap > limit:
-                continue
-            count_a = find_feature(solids, a, n[0], n[1], n[2], poly_a)
-            count_b = find_feature(solids, b, -n[0], -n[1], -n[2], poly_b)
-            gaps[row] = gap
-            features[row, 0] = min(count_a, 3) - 1
-            features[row, 1] = min(count_b, 3) - 1
-            for c in range(3):
-                normals[row, c] = n[c]
-                firsts[row, c] = pa[c]
-                seconds[row, c] = pb[c]
-                centres[row, c] = 0.5 * (pa[c] + pb[c])
-            if max(count_a, count_b) < 3 or min(count_a, count_b) < 2:
-                continue
-            basis(n, u, w)
-            project(solids, poly_a, count_a, nowhere, u, w, flat_a)
-            project(solids, poly_b, count_b, t, u, w, flat_b)
-            # Seen from the tip of n, faces of a run counter-clockwise and those of b clockwise.
-            if count_a >= 3:
-                shared = clip(flat_b, count_b, flat_a, count_a, 1.0, spare)
-                area = area_and_centre(flat_b, shared, centre)
-            else:
-                shared = clip(flat_a, count_a, flat_b, count_b, -1.0, spare)
-                area = area_and_centre(flat_a, shared, centre)
-            if shared == 0:
-                continue
-            areas[row] = area if min(count_a, count_b) >= 3 else 0.0
-            height = 0.5 * (n[0] * (pa[0] + pb[0]) + n[1] * (pa[1] + pb[1]) + n[2] * (pa[2] + pb[2]))
-            for c in range(3):
-                centres[row, c] = centre[0] * u[c] + centre[1] * w[c] + height * n[c]
+        start, stop = block * CHUNK, min(m, (block + 1) * CHUNK)
+        part = Gaps(gaps, normals, firsts, seconds, centres, areas, features)
+        _measure_block(solids, pairs, offsets, limit, room, start, stop, part)
+
+
+@njit(cache=True)
+def _measure_block(
+    solids: Bodies, pairs: NDArray[np.int32], offsets: Floats, limit: float, room: int, start: int, stop: int, out: Gaps
+) -> None:
+    """Measure the pairs of one block, with scratch of its own."""
+    simplex = make_simplex()
+    nowhere = np.zeros(3)
+    u, w, pa, pb, centre = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(2)
+    picked, segments = np.empty(2, dtype=np.int64), np.empty((4, 3))
+    poly_a, poly_b = np.empty(room, dtype=np.int64), np.empty(room, dtype=np.int64)
+    flat_a, flat_b, spare = np.empty((room, 2)), np.empty((room, 2)), np.empty((room, 2))
+    for row in range(start, stop):
+        a, b = pairs[row, 0], pairs[row, 1]
+        t = offsets[row]
+        n = simplex.nearest
+        state, count, lower = descend(solids, a, b, t, limit, simplex)
+        if state == FAR:
+            continue
+        size = solids.radii[a] + solids.radii[b]
+        apart = closest_points(solids, count, t, simplex, pa, pb)
+        gap = np.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
+        # Below 1e-9 of a grain the direction is rounding; above, the bound must meet the distance.
+        if state != OVERLAPPING and gap > 1e-9 * size and gap - lower <= 1e-12 * size:
+            n[0], n[1], n[2] = n[0] / gap, n[1] / gap, n[2] / gap
+        else:
+            gap = _solve_near(solids, a, b, t, pa, pb, apart, n, picked, segments)
+        if gap > limit:
+            continue
+        count_a = find_feature(solids, a, n[0], n[1], n[2], poly_a)
+        count_b = find_feature(solids, b, -n[0], -n[1], -n[2], poly_b)
+        out.gaps[row] = gap
+        out.features[row, 0] = min(count_a, 3) - 1
+        out.features[row, 1] = min(count_b, 3) - 1
+        for c in range(3):
+            out.normals[row, c] = n[c]
+            out.firsts[row, c] = pa[c]
+            out.seconds[row, c] = pb[c]
+            out.centres[row, c] = 0.5 * (pa[c] + pb[c])
+        if max(count_a, count_b) < 3 or min(count_a, count_b) < 2:
+            continue
+        basis(n, u, w)
+        project(solids, poly_a, count_a, nowhere, u, w, flat_a)
+        project(solids, poly_b, count_b, t, u, w, flat_b)
+        # Seen from the tip of n, faces of a run counter-clockwise and those of b clockwise.
+        if count_a >= 3:
+            shared = clip(flat_b, count_b, flat_a, count_a, 1.0, spare)
+            area = area_and_centre(flat_b, shared, centre)
+        else:
+            shared = clip(flat_a, count_a, flat_b, count_b, -1.0, spare)
+            area = area_and_centre(flat_a, shared, centre)
+        if shared == 0:
+            continue
+        out.areas[row] = area if min(count_a, count_b) >= 3 else 0.0
+        height = 0.5 * (n[0] * (pa[0] + pb[0]) + n[1] * (pa[1] + pb[1]) + n[2] * (pa[2] + pb[2]))
+        for c in range(3):
+            out.centres[row, c] = centre[0] * u[c] + centre[1] * w[c] + height * n[c]
 
 
 @njit(cache=True)
@@ -247,23 +262,31 @@ def _find_deepest(solids: Bodies, a: int, b: int, t: Floats, gap: float, n: Floa
 def _certify(solids: Bodies, pairs: NDArray[np.int32], offsets: Floats, normals: Floats, margins: Floats) -> None:
     m = len(pairs)
     for block in prange((m + CHUNK - 1) // CHUNK):
-        simplex = make_simplex()
-        pa, pb = np.empty(3), np.empty(3)
-        for row in range(block * CHUNK, min(m, (block + 1) * CHUNK)):
-            a, b = pairs[row, 0], pairs[row, 1]
-            t = offsets[row]
-            n = simplex.nearest
-            reach = solids.radii[a] + solids.radii[b] + np.sqrt(t[0] * t[0] + t[1] * t[1] + t[2] * t[2])
-            error = 32.0 * UNIT * reach
-            _, count, _ = descend(solids, a, b, t, 2.0 * error, simplex)
-            norm = np.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
-            margin = -np.inf
-            if norm > 0.0:
-                n[0], n[1], n[2] = n[0] / norm, n[1] / norm, n[2] / norm
-                margin = along(solids, a, b, t, n[0], n[1], n[2])
-            if margin < error:
-                closest_points(solids, count, t, simplex, pa, pb)
-                margin = search_faces(solids, a, b, t, pa, pb, margin, n)
-            for c in range(3):
-                normals[row, c] = n[c]
-            margins[row] = margin - error
+        _certify_block(solids, pairs, offsets, block * CHUNK, min(m, (block + 1) * CHUNK), normals, margins)
+
+
+@njit(cache=True)
+def _certify_block(
+    solids: Bodies, pairs: NDArray[np.int32], offsets: Floats, start: int, stop: int, normals: Floats, margins: Floats
+) -> None:
+    """Certify the pairs of one block, with scratch of its own."""
+    simplex = make_simplex()
+    pa, pb = np.empty(3), np.empty(3)
+    for row in range(start, stop):
+        a, b = pairs[row, 0], pairs[row, 1]
+        t = offsets[row]
+        n = simplex.nearest
+        reach = solids.radii[a] + solids.radii[b] + np.sqrt(t[0] * t[0] + t[1] * t[1] + t[2] * t[2])
+        error = 32.0 * UNIT * reach
+        _, count, _ = descend(solids, a, b, t, 2.0 * error, simplex)
+        norm = np.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
+        margin = -np.inf
+        if norm > 0.0:
+            n[0], n[1], n[2] = n[0] / norm, n[1] / norm, n[2] / norm
+            margin = along(solids, a, b, t, n[0], n[1], n[2])
+        if margin < error:
+            closest_points(solids, count, t, simplex, pa, pb)
+            margin = search_faces(solids, a, b, t, pa, pb, margin, n)
+        for c in range(3):
+            normals[row, c] = n[c]
+        margins[row] = margin - error

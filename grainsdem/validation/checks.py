@@ -130,14 +130,16 @@ def _check_shapes(
               "inward faces in a grain", _ids(is_inward, rows)),
         Check("convex", not is_dented.any(), float(defects.dents.max(initial=0.0)) / d, shape, "d",
               _ids(is_dented, rows)),
-        Check("positive volume", not is_hollow.any(), float(found.min(initial=np.inf)) / d**3 if rows.size else 0.0,
-              0.0, "d³", _ids(is_hollow, rows), "the smallest volume; must be above"),
+        Check("positive volume", not is_hollow.any(), float(found.min(initial=d**3)) / d**3, 0.0, "d³",
+              _ids(is_hollow, rows), "the smallest volume; must be above"),
     ]  # fmt: skip
     above = counts > MOST_VERTICES
-    edge, face = defects.shortest_edges.min(initial=np.inf), defects.smallest_faces.min(initial=np.inf)
+    edges, faces = defects.shortest_edges, defects.smallest_faces
+    edge = edges[np.isfinite(edges)].min(initial=d)
+    face = faces[np.isfinite(faces)].min(initial=d * d)
     details = [
-        Check("shortest edge", True, float(edge) / d if np.isfinite(edge) else 0.0, 0.0, "d", (), "for information"),
-        Check("smallest face", True, float(face) / d**2 if np.isfinite(face) else 0.0, 0.0, "d²", (), "for information"),
+        Check("shortest edge", True, float(edge) / d, 0.0, "d", (), "for information"),
+        Check("smallest face", True, float(face) / d**2, 0.0, "d²", (), "for information"),
         Check("vertices a grain", True, float(counts.max(initial=0)), float(MOST_VERTICES), "", _ids(above, rows),
               f"for information: {int(above.sum())} grains are above what PhysX takes on the GPU"),
     ]  # fmt: skip

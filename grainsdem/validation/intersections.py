@@ -112,7 +112,7 @@ def intersection_volumes(
 
 def run(block: Block) -> Floats:
     """Return the shared volume of each pair of a block, in its own units."""
-    import manifold3d  # noqa: PLC0415  (heavy, and needed by this one function)
+    import manifold3d
 
     grains = []
     for i in range(len(block.vertex_offsets) - 1):

@@ -67,7 +67,9 @@ def check_overlaps(
     between = offsets_between(packing, pairs, shifts)
     # 1e-9 d: two grains at one place, whatever their shapes.
     is_same = (np.abs(between) <= 1e-9 * d).all(axis=1)
-    fractions, note = _share_volumes(packing, solids, pairs, between, overlap, method, d, progress)
+    fractions, note = _share_volumes(
+        packing, solids, pairs, between, overlap=overlap, method=method, length=d, progress=progress
+    )
     is_over = ~(fractions <= overlap)
     left_out = int((~sound).sum())
     if left_out:
@@ -87,9 +89,10 @@ def _share_volumes(
     solids: Bodies,
     pairs: NDArray[np.int32],
     between: Floats,
+    *,
     overlap: float,
     method: str,
-    d: float,
+    length: float,
     progress: Callable[[int, int], None] | None,
 ) -> tuple[Floats, str]:
     """Return the volume that each pair shares, or a bound of it, relative to the smaller grain's; and how it was found.
@@ -109,7 +112,7 @@ def _share_volumes(
         fractions = np.maximum(-margins, 0.0) * 0.5 * sizes.areas[pairs].min(axis=1) / smaller
     # What is allowed to overlap is measured all the same: the bound of a plane says little of how much.
     rest = np.flatnonzero(~(fractions <= min(overlap, NEGLIGIBLE)))
-    found = intersection_volumes(packing.grains, solids, pairs[rest], between[rest], length=d, progress=progress)
+    found = intersection_volumes(packing.grains, solids, pairs[rest], between[rest], length=length, progress=progress)
     fractions[rest] = found / smaller[rest]
     refused = int(np.isnan(found).sum())
     note = f"{len(pairs)} pairs of boxes meet: {len(pairs) - rest.size} proven by planes, {rest.size} by manifold3d"

@@ -74,7 +74,7 @@ def _segment(w: NDArray[np.float64], i: int, j: int, weights: NDArray[np.float64
         v[0], v[1], v[2] = w[j, 0], w[j, 1], w[j, 2]
     else:
         v[0], v[1], v[2] = w[i, 0] + t * dx, w[i, 1] + t * dy, w[i, 2] + t * dz
-    return v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+    return float(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
 
 
 @njit(cache=True)
@@ -103,7 +103,7 @@ def _triangle(
             v[0], v[1], v[2] = s * nx, s * ny, s * nz
             total = va + vb + vc
             weights[i], weights[j], weights[k] = va / total, vb / total, vc / total
-            return v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+            return float(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     # On the rim: the nearest of three segments, which no rounding of the region tests can spoil.
     best = np.inf
     p = q = i
@@ -168,7 +168,7 @@ def _nearest(n: int, simplex: Simplex) -> float:
     if n == 1:
         weights[0] = 1.0
         v[0], v[1], v[2] = w[0, 0], w[0, 1], w[0, 2]
-        return v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+        return float(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     if n == 2:
         return _segment(w, 0, 1, weights, v)
     if n == 3:
@@ -210,7 +210,7 @@ def descend(
     )
     tx, ty, tz = offset[0], offset[1], offset[2]
     v[0], v[1], v[2] = tx, ty, tz
-    if tx == 0.0 and ty == 0.0 and tz == 0.0:
+    if tx * tx + ty * ty + tz * tz == 0.0:
         v[0] = 1.0
     n = 0
     square = np.inf
@@ -271,4 +271,4 @@ def closest_points(
             on_a[c] += share * solids.vertices[simplex.makers[r, 0], c]
             on_b[c] += share * (solids.vertices[simplex.makers[r, 1], c] + offset[c])
         square += (on_b[c] - on_a[c]) ** 2
-    return np.sqrt(square)
+    return float(np.sqrt(square))

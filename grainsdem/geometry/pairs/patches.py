@@ -24,7 +24,7 @@ by less than 1e-3 d, the depth that soft contacts are allowed."""
 
 @njit(cache=True)
 def find_feature(solids: Bodies, a: int, nx: float, ny: float, nz: float, polygon: NDArray[np.int64]) -> int:
-    """Find what body ``a`` touches with in a direction; return its number of corners, with ``polygon`` their indices."""
+    """Fill the corners of what body ``a`` touches with in a direction; return their number."""
     x, edges = solids.vertices, solids.edges
     v0, v1 = solids.vertex_offsets[a], solids.vertex_offsets[a + 1]
     face, widest = -1, 0.0
@@ -38,7 +38,7 @@ def find_feature(solids: Bodies, a: int, nx: float, ny: float, nz: float, polygo
         count = solids.corner_offsets[face + 1] - start
         for c in range(count):
             polygon[c] = v0 + solids.corners[start + c]
-        return count
+        return int(count)
     top, high = v0, -np.inf
     for k in range(v0, v1):
         s = nx * x[k, 0] + ny * x[k, 1] + nz * x[k, 2]
@@ -119,7 +119,7 @@ def clip(subject: Floats, n_subject: int, window: Floats, n_window: int, turn: f
 
 @njit(cache=True)
 def area_and_centre(polygon: Floats, count: int, centre: Floats) -> float:
-    """Return the area of a flat polygon and fill its centroid; the mean of its corners where it has no area."""
+    """Return the area of a flat polygon and fill its centroid; its middle where it has no area."""
     if count == 0:
         return 0.0
     area = mx = my = 0.0
@@ -137,8 +137,12 @@ def area_and_centre(polygon: Floats, count: int, centre: Floats) -> float:
     if abs(area) > 1e-14 * size * size:
         centre[0], centre[1] = polygon[0, 0] + mx / area, polygon[0, 1] + my / area
         return abs(area)
-    centre[0] = polygon[:count, 0].mean()
-    centre[1] = polygon[:count, 1].mean()
+    # Its corners lie on a line, some more than once: midway between the outermost.
+    for k in range(2):
+        low = high = polygon[0, k]
+        for c in range(count):
+            low, high = min(low, polygon[c, k]), max(high, polygon[c, k])
+        centre[k] = 0.5 * (low + high)
     return 0.0
 
 

@@ -31,14 +31,14 @@ def along(solids: Bodies, a: int, b: int, t: NDArray[np.float64], nx: float, ny:
         high = max(high, nx * x[k, 0] + ny * x[k, 1] + nz * x[k, 2])
     for k in range(solids.vertex_offsets[b], solids.vertex_offsets[b + 1]):
         low = min(low, nx * x[k, 0] + ny * x[k, 1] + nz * x[k, 2])
-    return low + (nx * t[0] + ny * t[1] + nz * t[2]) - high
+    return float(low + (nx * t[0] + ny * t[1] + nz * t[2]) - high)
 
 
 @njit(cache=True)
 def _room(solids: Bodies, f: int, px: float, py: float, pz: float) -> float:
     """Return how deep a point lies under a face's plane."""
     n = solids.normals
-    return solids.heights[f] - (n[f, 0] * px + n[f, 1] * py + n[f, 2] * pz)
+    return float(solids.heights[f] - (n[f, 0] * px + n[f, 1] * py + n[f, 2] * pz))
 
 
 @njit(cache=True)

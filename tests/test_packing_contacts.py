@@ -1,0 +1,172 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from conftest import cube_packing
+from solids import SOLIDS, blob, centred, place, polyhedra
+
+from grainsdem.errors import InputError
+from grainsdem.geometry.bounds import near_pairs
+from grainsdem.model import Domain
+from grainsdem.packing import carve, contacts, shrink
+from grainsdem.packing.contacts import NEAR, mean_diameter, neighbor_contacts
+from grainsdem.points import poisson
+from grainsdem.tessellation import tessellate
+
+
+def row_of(graph, i, j):
+    return int(np.flatnonzero((graph.pairs == [i, j]).all(axis=1))[0])
+
+
+@pytest.mark.unit
+def test_a_row_of_cubes_touches_face_to_face_and_the_gap_of_one_is_the_other_ones_too():
+    packing = cube_packing([[1.0, 5, 5], [3, 5, 5], [5.25, 5.5, 5], [9, 9, 9]])
+    graph = contacts(packing, within=0.5)
+    assert graph.pairs.tolist() == [[0, 1], [1, 2]]
+    np.testing.assert_allclose(graph.gaps, [0, 0.25], atol=1e-15)
+    np.testing.assert_allclose(graph.areas, [4, 3], rtol=1e-14)
+    np.testing.assert_allclose(graph.points, [[2, 5, 5], [4.125, 5.25, 5]], rtol=1e-14)
+    np.testing.assert_allclose(graph.normals, [[1, 0, 0], [1, 0, 0]], atol=1e-12)
+    assert graph.coordination().tolist() == [1, 2, 1, 0]
+
+
+@pytest.mark.unit
+def test_the_default_threshold_is_a_thousandth_of_the_mean_diameter():
+    d = np.cbrt(6 / np.pi * 8)
+    step = 2 + NEAR * d
+    assert len(contacts(cube_packing([[2.0, 5, 5], [2 + step * (1 - 1e-9), 5, 5]]))) == 1
+    assert len(contacts(cube_packing([[2.0, 5, 5], [2 + step * (1 + 1e-6), 5, 5]]))) == 0
+
+
+@pytest.mark.unit
+@pytest.mark.parametrize("within", [-1.0, np.nan, np.inf])
+def test_a_threshold_that_is_no_length_is_refused(within):
+    with pytest.raises(InputError, match="within must be zero or more"):
+        contacts(cube_packing([[5.0, 5, 5]]), within=within)
+
+
+@pytest.mark.unit
+def test_no_grain_and_one_grain_have_no_contact():
+    alone = cube_packing([[5.0, 5, 5]])
+    assert len(contacts(alone, within=1.0)) == 0
+    nobody = place(polyhedra(SOLIDS["cube"][0]), [[5.0, 5, 5]])
+    assert contacts(nobody).n_grains == 1
+
+
+@pytest.mark.unit
+def test_grains_in_place_have_the_gaps_and_normals_that_the_tessellation_gives_in_closed_form(fresh):
+    closed = neighbor_contacts(fresh)
+    d = mean_diameter(fresh)
+    searched = contacts(fresh, within=float(closed.gaps.max()))
+    index = {tuple(pair): row for row, pair in enumerate(searched.pairs.tolist())}
+    rows = np.array([index[tuple(pair)] for pair in closed.pairs.tolist() if tuple(pair) in index])
+    known = np.array([tuple(pair) in index for pair in closed.pairs.tolist()])
+    assert known.mean() > 0.9
+    excess = searched.gaps[rows] - closed.gaps[known]
+    # Planes bound the distance from below; where the shrunk faces still face each other they are the distance.
+    assert excess.min() > -1e-12 * d
+    facing = searched.areas[rows] > 0
+    assert facing.mean() > 0.8
+    assert np.abs(excess[facing]).max() < 1e-12 * d
+    np.testing.assert_allclose(searched.normals[rows[facing]], closed.normals[known][facing], atol=1e-9)
+
+
+@pytest.mark.unit
+def test_cells_that_touch_share_their_whole_face_with_each_neighbour(cells):
+    grains = carve(cells, keep="all")
+    closed = neighbor_contacts(grains)
+    searched = contacts(grains, within=1e-9 * mean_diameter(grains))
+    d = mean_diameter(grains)
+    assert np.abs(closed.gaps).max() < 1e-12 * d
+    assert np.abs(searched.gaps).max() < 1e-12 * d
+    large = closed.areas > 1e-3 * d**2
+    for row in np.flatnonzero(large):
+        other = row_of(searched, *closed.pairs[row])
+        assert searched.areas[other] == pytest.approx(closed.areas[row], rel=1e-6)
+        np.testing.assert_allclose(searched.points[other], closed.points[row], atol=0.5 * d)
+    assert (closed.coordination() <= np.diff(grains.grains.face_offsets)).all()
+
+
+@pytest.mark.unit
+def test_neighbours_are_known_only_while_grains_are_in_their_cells(poured):
+    with pytest.raises(InputError, match="no links"):
+        neighbor_contacts(poured)
+
+
+@pytest.mark.unit
+def test_contacts_across_a_periodic_boundary_are_those_inside_shifted():
+    domain = Domain.cube(8.0, periodic=True)
+    packing = cube_packing([[0.5, 4, 4], [6.25, 4, 4]], domain=domain)
+    graph = contacts(packing, within=0.5)
+    assert graph.pairs.tolist() == [[0, 1]]
+    assert graph.gaps[0] == pytest.approx(0.25)
+    np.testing.assert_allclose(graph.normals[0], [-1, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(graph.points[0], [-0.625, 4, 4], atol=1e-12)
+
+
+@pytest.mark.unit
+def test_a_grain_in_a_narrow_periodic_domain_touches_its_own_image():
+    graph = contacts(cube_packing([[1.0, 5, 5]], domain=Domain.box((2.0, 9, 9), periodic=True)))
+    assert graph.pairs.tolist() == [[0, 0]]
+    assert graph.areas[0] == pytest.approx(4)
+
+
+@pytest.mark.unit
+def test_a_periodic_tessellation_knows_its_neighbours_across_the_boundary():
+    domain = Domain.cube(1.0, periodic=True)
+    grains = shrink(carve(tessellate(poisson(domain, 60, rng=2), domain)), scale=0.9)
+    closed = neighbor_contacts(grains)
+    searched = contacts(grains, within=float(closed.gaps.max()))
+    assert len(closed) == grains.grains.n_faces / 2
+    d = mean_diameter(grains)
+    for (i, j), gap in zip(closed.pairs.tolist(), closed.gaps, strict=True):
+        nearest = np.abs(searched.gaps[(searched.pairs == [i, j]).all(axis=1)] - gap)
+        # A small face's planes may be nearer than the grains: then the search has a larger gap, or none.
+        assert nearest.size == 0 or nearest.min() < 0.3 * d
+    assert closed.gaps.min() > 0
+
+
+@pytest.mark.property
+def test_contacts_of_random_grains_are_those_of_a_search_of_every_pair_with_fcl():
+    import fcl
+
+    rng = np.random.default_rng(8)
+    shapes = centred(polyhedra(*[blob(rng) for _ in range(60)]))
+    packing = place(shapes, rng.random((60, 3)) * 4, domain=Domain.cube(4.0))
+    within = 0.2
+    graph = contacts(packing, within=within)
+    solids = []
+    for i in range(60):
+        faces = np.concatenate([[len(face), *face] for face in shapes.faces_of(i)])
+        convex = fcl.Convex(shapes.vertices_of(i), len(shapes.faces_of(i)), faces)
+        solids.append(fcl.CollisionObject(convex, fcl.Transform(np.eye(3), packing.positions[i])))
+    everything = near_pairs(np.zeros((60, 3)), np.ones((60, 3)))
+    assert len(everything) == 60 * 59 / 2
+    wanted = {}
+    for i, j in everything.tolist():
+        distance = fcl.distance(solids[i], solids[j], fcl.DistanceRequest(), fcl.DistanceResult())
+        if distance <= within:
+            wanted[i, j] = distance
+    assert [tuple(pair) for pair in graph.pairs.tolist()] == sorted(wanted)
+    apart = np.array([wanted[tuple(pair)] for pair in graph.pairs.tolist()])
+    np.testing.assert_allclose(graph.gaps[apart > 0], apart[apart > 0], atol=1e-6)
+    # fcl says -1 for what overlaps.
+    np.testing.assert_array_equal(graph.gaps <= 0, apart <= 0)
+
+
+@pytest.mark.client
+def test_manifold3d_measures_the_same_gaps(fresh):
+    import manifold3d
+
+    from grainsdem.geometry.triangles import triangles
+
+    d = mean_diameter(fresh)
+    graph = contacts(fresh, within=0.2 * d)
+    mesh = triangles(fresh.grains)
+    solids = []
+    for i in range(len(fresh)):
+        corners = mesh.indices[mesh.offsets[i] : mesh.offsets[i + 1]].astype(np.uint64)
+        vertices = (fresh.grains.vertices_of(i) + fresh.positions[i]) / d
+        solids.append(manifold3d.Manifold(manifold3d.Mesh64(np.ascontiguousarray(vertices), corners)))
+    for (i, j), gap in list(zip(graph.pairs.tolist(), graph.gaps, strict=True))[::4]:
+        assert solids[i].min_gap(solids[j], 1.0) == pytest.approx(gap / d, abs=1e-9)
