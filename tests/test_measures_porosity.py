@@ -144,3 +144,37 @@ def test_a_core_needs_grains_and_a_margin_that_is_not_negative(cube):
     nothing = Packing(Polyhedra(np.empty((0, 3)), [0], [0], [], [0]), np.empty((0, 3)), np.empty((0, 4)), [], Domain())
     with pytest.raises(InputError, match="no grains"):
         core_box(nothing)
+
+
+@pytest.mark.unit
+def test_the_void_of_a_cylinder_is_measured_against_the_cylinder():
+    domain = Domain.cylinder(3.0, 4.0, sides=8)
+    packing = cube_packing([[0, 0, 1.0]], domain=domain)
+    area = 8 * 3.0**2 * np.tan(np.pi / 8)  # of the octagon around the circle
+    assert porosity(packing, region="domain") == pytest.approx(1 - 8 / (4 * area), rel=1e-9)
+
+
+@pytest.mark.unit
+def test_the_core_of_a_cylinder_keeps_its_corners_off_the_wall():
+    domain = Domain.cylinder(8.0, 30.0, sides=16)
+    places = np.array(list(np.ndindex(16, 16, 8)), float) + np.array([-7.5, -7.5, 0.5])
+    places = places[np.hypot(places[:, 0], places[:, 1]) < 7]
+    packing = cube_packing(places, half=0.5, domain=domain)
+    lower, upper = core_box(packing)
+    d = np.cbrt(6 / np.pi)
+    corners = np.array([[x, y, 1.0] for x in (lower[0], upper[0]) for y in (lower[1], upper[1])])
+    gaps = domain.planes[:, 3] - corners @ domain.planes[:, :3].T
+    assert gaps.min() == pytest.approx(d)
+    assert upper[2] == pytest.approx(8 - d)
+    assert porosity(packing, region=(lower, upper)) == pytest.approx(0, abs=1e-12)
+
+
+@pytest.mark.unit
+def test_a_hopper_is_cored_where_its_funnel_is_wide_enough():
+    domain = Domain.hopper([12.0, 12.0], [6.0, 6.0], 20.0)
+    places = np.array(list(np.ndindex(6, 6, 8)), float) + np.array([-2.5, -2.5, 0.5])
+    lower, upper = core_box(cube_packing(places, half=0.5, domain=domain))
+    corners = np.array(
+        [[x, y, z] for x in (lower[0], upper[0]) for y in (lower[1], upper[1]) for z in (lower[2], upper[2])]
+    )
+    assert (domain.planes[:, 3] - corners @ domain.planes[:, :3].T).min() > np.cbrt(6 / np.pi) * (1 - 1e-12)

@@ -54,7 +54,9 @@ def porosity(packing: Packing, *, region: Literal["cells", "domain"] | tuple[Arr
         if region == "cells":
             return _of_cells(packing)
         if region == "domain":
-            return _of_box(packing, packing.domain.lower, packing.domain.upper)
+            domain = packing.domain
+            planes = np.vstack([box_planes(domain.lower, domain.upper), domain.planes])
+            return float(1 - _solid(packing, planes) / domain.volume)
         raise InputError(f"region must be 'cells', 'domain' or the two corners of a box; got {region!r}")
     try:
         lower, upper = (np.asarray(corner, dtype=np.float64) for corner in region)
@@ -86,6 +88,9 @@ def core_box(packing: Packing, *, margin: float = 1.0) -> Box:
 
     Notes
     -----
+    In a domain cut by planes, a cylinder or a hopper, the box is narrowed in x and y until its corners keep that
+    distance from them too.
+
     The floor's area is parted into columns about one diameter wide. Each column's top is its highest vertex, and the
     surface is the tenth percentile of the tops: a grain that lies alone on the bed lifts one column and changes
     nothing, and the box stays below all but the deepest pits. Wider columns would each find one of the highest grains
@@ -99,6 +104,8 @@ def core_box(packing: Packing, *, margin: float = 1.0) -> Box:
     d = float(diameters(packing.grains).mean())
     inset = np.where(domain.periodic, 0.0, margin * d)
     lower, upper = domain.lower + inset, domain.upper - inset
+    _refuse_thin(lower[:2], upper[:2], d, margin)
+    lower, upper = _within_planes(packing, lower, upper, margin * d)
     _refuse_thin(lower[:2], upper[:2], d, margin)
     if not domain.periodic[2]:
         upper[2] = _surface(packing, lower[:2], upper[:2], COLUMN_WIDTH * d) - margin * d
@@ -123,12 +130,35 @@ def _of_box(packing: Packing, lower: NDArray[np.float64], upper: NDArray[np.floa
             f"along a periodic axis the box must lie in the domain, {domain.lower.tolist()} to "
             f"{domain.upper.tolist()}; got {lower.tolist()} to {upper.tolist()}"
         )
+    return float(1 - _solid(packing, planes) / np.prod(upper - lower))
+
+
+def _solid(packing: Packing, planes: NDArray[np.float64]) -> float:
+    """Return the volume [m³] of all grains, periodic images included, inside half-spaces within the domain."""
+    domain = packing.domain
     solid = 0.0
     for image in product(*((-1, 0, 1) if wraps else (0,) for wraps in domain.periodic)):
         moved = planes.copy()
         moved[:, 3] += planes[:, :3] @ (np.array(image) * domain.lengths)
         solid += float(clipped_volumes(packing, moved).sum())
-    return float(1 - solid / np.prod(upper - lower))
+    return solid
+
+
+def _within_planes(packing: Packing, lower: NDArray[np.float64], upper: NDArray[np.float64], inset: float) -> Box:
+    """Return the box narrowed in x and y about its middle until its part in the bed is off the domain's planes."""
+    planes = packing.domain.planes
+    if len(planes) == 0:
+        return lower, upper
+    top = min(float(upper[2]), float(world_vertices(packing)[:, 2].max()))
+    low, high = lower.copy(), np.append(upper[:2], max(top, float(lower[2])))
+    middle, half = 0.5 * (low + high), 0.5 * (high - low)
+    normals = np.abs(planes[:, :3])
+    room = planes[:, 3] - inset - planes[:, :3] @ middle - normals[:, 2] * half[2]
+    reach = normals[:, :2] @ half[:2]
+    # A level plane does not mind how narrow the box is.
+    shares = np.where(reach > 0, room / np.where(reach > 0, reach, 1.0), 1.0)
+    half[:2] *= float(np.clip(shares.min(), 0.0, 1.0))
+    return np.append(middle[:2] - half[:2], lower[2]), np.append(middle[:2] + half[:2], upper[2])
 
 
 def _surface(packing: Packing, lower: NDArray[np.float64], upper: NDArray[np.float64], width: float) -> float:
