@@ -18,6 +18,7 @@ from exporters.check import check_choice, check_name, check_positive, grain_name
 from exporters.container import GRAIN_COLOURS, container_box, shades
 from exporters.text import rows_of_text, table_of_text
 from exporters.units import GrainUnits, units, units_of
+from grainsdem.geometry.principal import principal_inertia
 from grainsdem.geometry.rotations import world_vertices
 from grainsdem.geometry.triangles import triangles
 
@@ -94,7 +95,7 @@ _PLANAR = (
 )
 _BODY = """\
     <body name="%s" pos="%s" quat="%s" childclass="grain">%s
-      <inertial pos="%s" mass="%s" fullinertia="%s"/><geom name="%s" mesh="%s" material="%s"/>
+      <inertial pos="%s" quat="%s" mass="%s" diaginertia="%s"/><geom name="%s" mesh="%s" material="%s"/>
     </body>"""
 
 
@@ -310,10 +311,12 @@ def _bodies(packing: Packing, integrals: Integrals, scales: GrainUnits) -> str:
     density = packing.densities / scales.density
     masses = density * integrals.volumes / scales.length**3
     tensors = integrals.inertias * (density / scales.length**5)[:, None, None]
+    # Principal axes, smallest first: MuJoCo has its meshes' largest first. With the full tensor it finds axes within
+    # 1e-6 of a mesh's, then takes the one frame for the other and turns the grain by as much.
+    moments, axes = principal_inertia(tensors)
     # MuJoCo's floor for masses and moments of moving bodies.
-    too_small = (masses < 1e-15) | (np.linalg.eigvalsh(tensors)[:, 0] < 1e-15)
+    too_small = (masses < 1e-15) | (moments[:, 0] < 1e-15)
     refuse("grains must not be so small beside the median that MuJoCo takes them for massless", too_small)
-    inertias = tensors.reshape(-1, 9)[:, [0, 4, 8, 1, 2, 5]]
     positions = packing.positions / scales.length
     # As many digits as it takes to place every grain to 1e-9 d, however wide the bed.
     digits = 9 + max(0, int(np.ceil(np.log10(max(np.abs(positions).max(), 1.0)))))
@@ -326,8 +329,9 @@ def _bodies(packing: Packing, integrals: Integrals, scales: GrainUnits) -> str:
         table_of_text(packing.quaternions, digits=12),
         [joint % ((name,) * joint.count("%s")) for name in names],
         table_of_text((integrals.centroids / scales.length).round(12)),
+        table_of_text(axes.round(15), digits=12),
         table_of_text(masses[:, None]),
-        table_of_text(inertias),
+        table_of_text(moments),
         names,
         names,
         [colours[shade] for shade in shades(len(names))],

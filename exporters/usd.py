@@ -105,7 +105,8 @@ def _layer(packing: Packing, options: UsdOptions, suffix: str) -> Any:
 
     integrals = measured(packing)
     _log_large_hulls(packing)
-    length = units_of(integrals.volumes, packing.densities, 1.0).length
+    scales = units_of(integrals.volumes, packing.densities, 1.0)
+    length = scales.length
     layer = Sdf.Layer.CreateAnonymous(suffix)
     with Sdf.ChangeBlock():
         layer.defaultPrim = "World"
@@ -115,9 +116,9 @@ def _layer(packing: Packing, options: UsdOptions, suffix: str) -> Any:
             root.SetInfo(key, value)
         world = _prim(layer.pseudoRoot, "World", "Xform")
         _scene(world, packing, options)
-        _materials(world, options)
+        _materials(world, options, scales.density)
         _container(world, packing, options, length)
-        _grains(_prim(world, "Grains", "Xform"), packing, integrals, options.contact_gap * length, 1e-3 * length)
+        _grains(world, packing, integrals, options.contact_gap * length, 1e-3 * length)
     return layer
 
 
@@ -164,8 +165,8 @@ def _scene(world: Any, packing: Packing, options: UsdOptions) -> None:
     })  # fmt: skip
 
 
-def _materials(world: Any, options: UsdOptions) -> None:
-    """Add what grains and walls are made of; densities stand in each body's mass."""
+def _materials(world: Any, options: UsdOptions, density: float) -> None:
+    """Add what grains and walls are made of; the mass that each body has goes before the mean density [kg/m³]."""
     scope = _prim(world, "Materials", "Scope")
     wall_friction = options.friction if options.wall_friction is None else options.wall_friction
     for name, friction in (("Grain", options.friction), ("Wall", wall_friction)):
@@ -173,6 +174,7 @@ def _materials(world: Any, options: UsdOptions) -> None:
             "physics:staticFriction": ("Float", friction),
             "physics:dynamicFriction": ("Float", friction),
             "physics:restitution": ("Float", options.restitution),
+            "physics:density": ("Float", density),
         })  # fmt: skip
 
 
@@ -220,10 +222,13 @@ def _container(world: Any, packing: Packing, options: UsdOptions, length: float)
         _bind(prim, "Wall")
 
 
-def _grains(group: Any, packing: Packing, integrals: Integrals, gap: float, thickness: float) -> None:
+def _grains(world: Any, packing: Packing, integrals: Integrals, gap: float, thickness: float) -> None:
     """Add a rigid body and its mesh for every grain."""
     from pxr import Gf, Sdf, Vt
 
+    # Bound once, above all grains: bindings are inherited.
+    group = _prim(world, "Grains", "Xform", ("MaterialBindingAPI",))
+    _bind(group, "Grain")
     masses, moments, axes = _mass_properties(packing, integrals)
     # Rounding noise about zero is not written as numbers of its own.
     centres = np.where(np.abs(integrals.centroids) < 1e-9 * thickness, 0.0, integrals.centroids)
@@ -231,7 +236,7 @@ def _grains(group: Any, packing: Packing, integrals: Integrals, gap: float, thic
     order = Vt.TokenArray(["xformOp:translate", "xformOp:orient"])
     body_schemas = Sdf.TokenListOp.Create(prependedItems=["PhysicsRigidBodyAPI", "PhysicsMassAPI"])
     mesh_schemas = Sdf.TokenListOp.Create(prependedItems=[
-        "PhysicsCollisionAPI", "PhysicsMeshCollisionAPI", "MaterialBindingAPI",
+        "PhysicsCollisionAPI", "PhysicsMeshCollisionAPI",
         "PhysxConvexHullCollisionAPI", "NewtonCollisionAPI", "NewtonMeshCollisionAPI",
     ])  # fmt: skip
     kinds = Sdf.ValueTypeNames
@@ -241,7 +246,6 @@ def _grains(group: Any, packing: Packing, integrals: Integrals, gap: float, thic
         Sdf.VariabilityVarying,
         Sdf.VariabilityUniform,
     )
-    material = [Sdf.Path("/World/Materials/Grain")]
     rows = zip(
         grain_names(packing), packing.positions.tolist(), packing.quaternions.tolist(), masses.tolist(),
         centres.tolist(), moments.tolist(), axes.tolist(), shades(len(packing)).tolist(),
@@ -272,7 +276,6 @@ def _grains(group: Any, packing: Packing, integrals: Integrals, gap: float, thic
         new(mesh, "physxConvexHullCollision:minThickness", kinds.Float, varying).default = thickness
         new(mesh, "newton:contactGap", kinds.Float, varying).default = gap
         new(mesh, "primvars:displayColor", kinds.Color3fArray, varying).default = colours[shade]
-        Sdf.RelationshipSpec(mesh, "material:binding:physics", False).targetPathList.explicitItems = material
 
 
 def _mass_properties(packing: Packing, integrals: Integrals) -> tuple[Any, Any, Any]:

@@ -92,7 +92,7 @@ def test_an_unknown_option_is_refused_with_the_known_ones(fresh):
 def test_an_existing_file_is_kept_where_it_must_not_be_replaced(cube, tmp_path):
     table = tmp_path / "bed.grains.csv"
     table.write_text("mine")
-    with pytest.raises(WriteError, match="bed.grains.csv: exists already"):
+    with pytest.raises(WriteError, match=r"bed\.grains\.csv: exists already"):
         exporters.write(cube, tmp_path / "bed.stl", overwrite=False)
     assert [path.name for path in tmp_path.iterdir()] == ["bed.grains.csv"]
     exporters.write(cube, tmp_path / "bed.stl")

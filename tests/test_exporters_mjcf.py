@@ -248,7 +248,7 @@ def test_the_text_of_one_cube_is_known_and_compiles(cube):
     assert 'face="0 2 3 0 3 1 4 5 7 4 7 6 0 1 5 0 5 4 2 6 7 2 7 3 0 4 6 0 6 2 1 3 7 1 7 5"' in text
     mass = np.pi / 6
     moment = f"{mass * edge**2 / 6:.9g}"
-    assert f'<inertial pos="0 0 0" mass="{mass:.9g}" fullinertia="{moment} {moment} {moment} 0 0 0"/>' in text
+    assert f'<inertial pos="0 0 0" quat="1 0 0 0" mass="{mass:.9g}" diaginertia="{moment} {moment} {moment}"/>' in text
     assert f'pos="{2 * v_pos(edge)} {2 * v_pos(edge)} {2 * v_pos(edge)}" quat="1 0 0 0"' in text
     assert "a &lt;cube&gt; &amp; more" in text
     assert mjcf.text(cube, name="a <cube> & more") == text

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import exporters
-from exporters.units import units
 from exporters import usd
+from exporters.units import units
 from exporters.usd import UsdOptions
 from grainsdem.errors import InputError
 from grainsdem.geometry.integrals import face_planes, integrate
@@ -126,7 +126,9 @@ def test_meshes_are_convex_colliders_with_normals_of_their_faces(stage, tilted):
         first += counts.size
         assert np.array_equal(np.array(mesh.GetExtentAttr().Get()), [points.min(axis=0), points.max(axis=0)])
         material, _ = UsdShade.MaterialBindingAPI(shape).ComputeBoundMaterial("physics")
-        assert UsdPhysics.MaterialAPI(material.GetPrim()).GetStaticFrictionAttr().Get() == 0.5
+        physics = UsdPhysics.MaterialAPI(material.GetPrim())
+        assert (physics.GetStaticFrictionAttr().Get(), physics.GetDynamicFrictionAttr().Get()) == (0.5, 0.5)
+        assert physics.GetDensityAttr().Get() == pytest.approx(2650.0)
     assert first == tilted.grains.n_faces
 
 

@@ -14,7 +14,7 @@ from grainsdem.model import Polyhedra
 
 
 @pytest.mark.unit
-@pytest.mark.parametrize("choose", [lambda grains: None, best_apexes])
+@pytest.mark.parametrize("choose", [lambda _: None, best_apexes])
 def test_triangles_close_every_grain_and_keep_its_volume(fresh, choose):
     grains = fresh.grains
     cut = triangles(grains, apexes=choose(grains))

@@ -68,7 +68,7 @@ def best_apexes(polyhedra: Polyhedra) -> NDArray[np.int64]:
 
 
 @njit(cache=True, parallel=True)
-def _fans(corners, starts, counts, apexes, first, indices):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _fans(corners, starts, counts, apexes, first, indices):  # type: ignore[no-untyped-def]
     for f in prange(starts.size):
         c0, k, a = starts[f], counts[f], apexes[f]
         for t in range(k - 2):
@@ -79,7 +79,7 @@ def _fans(corners, starts, counts, apexes, first, indices):  # type: ignore[no-u
 
 
 @njit(cache=True, parallel=True)
-def _best_apexes(vertices, vertex_offsets, face_offsets, corners, corner_offsets, result):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _best_apexes(vertices, vertex_offsets, face_offsets, corners, corner_offsets, result):  # type: ignore[no-untyped-def]
     for i in prange(vertex_offsets.size - 1):
         v0 = vertex_offsets[i]
         for f in range(face_offsets[i], face_offsets[i + 1]):
@@ -124,7 +124,7 @@ def vector_areas(corners: NDArray[np.float64] | NDArray[np.float32]) -> NDArray[
 
 
 @njit(cache=True, parallel=True)
-def _vector_areas(corners, result):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _vector_areas(corners, result):  # type: ignore[no-untyped-def]
     for t in prange(corners.shape[0]):
         ax, ay, az = np.float64(corners[t, 0, 0]), np.float64(corners[t, 0, 1]), np.float64(corners[t, 0, 2])
         ux, uy, uz = corners[t, 1, 0] - ax, corners[t, 1, 1] - ay, corners[t, 1, 2] - az
