@@ -26,6 +26,8 @@ References
 
 from __future__ import annotations
 
+from math import sqrt
+
 from numba import njit
 
 UNTOUCHED, CUT, EMPTY, FULL = 0, 1, 2, 3
@@ -37,22 +39,33 @@ HOME = 13
 
 
 @njit(cache=True)
-def start_box(geo, tri, planes, tags, low, high):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Make the cell the box between ``low`` and ``high``, both relative to the site; planes −x, +x, −y, +y, −z, +z."""
+def start_box(geo, tri, planes, tags, x, y, z, lengths, periodic, seed):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+    """Make the cell of the site at (x, y, z) the box from 0 to ``lengths``; planes -x, +x, -y, +y, -z, +z.
+
+    Along a periodic axis it ends at the site's own images, which bound its cell whatever the weights.
+    """
+    step = 9
     for axis in range(3):
+        place = x if axis == 0 else (y if axis == 1 else z)
         for side in range(2):
             p = 2 * axis + side
             planes[0, p] = planes[1, p] = planes[2, p] = 0.0
             planes[axis, p] = 1.0 if side else -1.0
-            planes[3, p] = high[axis] if side else -low[axis]
-            tags[0, p] = -1 - p
-            tags[1, p] = HOME
             tags[2, p] = -1
+            if periodic[axis]:
+                planes[3, p] = 0.5 * lengths[axis]
+                tags[0, p] = seed
+                tags[1, p] = HOME + step if side else HOME - step
+            else:
+                planes[3, p] = lengths[axis] - place if side else place
+                tags[0, p] = -1 - p
+                tags[1, p] = HOME
+        step //= 3
     for t in range(8):
         bx, by, bz = t & 1, (t >> 1) & 1, t >> 2
-        geo[0, t] = high[0] if bx else low[0]
-        geo[1, t] = high[1] if by else low[1]
-        geo[2, t] = high[2] if bz else low[2]
+        geo[0, t] = planes[3, 1] if bx else -planes[3, 0]
+        geo[1, t] = planes[3, 3] if by else -planes[3, 2]
+        geo[2, t] = planes[3, 5] if bz else -planes[3, 4]
         geo[3, t] = geo[0, t] ** 2 + geo[1, t] ** 2 + geo[2, t] ** 2
         tri[6, t] = 0
         # The corner (+, +, +) sees its planes x, y, z counter-clockwise from outside; each minus mirrors that.
@@ -153,7 +166,7 @@ def _walk_rim(tri, tags, n_planes, count):  # type: ignore[no-untyped-def]  # no
         tri[8, length] = t
         tri[9, length] = k
         length += 1
-        k = (k + 1) % 3
+        k = k + 1 if k < 2 else 0
         u = tri[3 + k, t]
         while tri[6, u]:
             if tri[3, u] == t:
@@ -175,7 +188,7 @@ def cut(geo, tri, planes, tags, n_tri, n_planes, rx, ry, rz, half, slack):  # ty
     A vertex beyond the plane by ``slack`` or less counts as on it. Where the cell was cut, the new plane has the number
     ``n_planes``; the caller writes its tags.
     """
-    norm = (rx * rx + ry * ry + rz * rz) ** 0.5
+    norm = sqrt(rx * rx + ry * ry + rz * rz)
     limit = slack * norm
     beyond = 0
     for t in range(n_tri):
@@ -218,7 +231,7 @@ def cut(geo, tri, planes, tags, n_tri, n_planes, rx, ry, rz, half, slack):  # ty
         tri[9, e] = u
         # The slot of the edge is noted now: the old triangle's number may be given to a new one below.
         j = 3
-        while tri[j, u] != t or tri[j - 3, u] != tri[(k + 1) % 3, t]:
+        while tri[j, u] != t or tri[j - 3, u] != tri[k + 1 if k < 2 else 0, t]:
             j += 1
         tri[10, e] = j
     new_size = n_tri + length - count

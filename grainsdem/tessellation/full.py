@@ -10,8 +10,8 @@ from numba import njit, prange
 from grainsdem.errors import GrainsDEMError, name_offenders
 from grainsdem.ragged import offsets_from_counts
 from grainsdem.tessellation.clipping import CUT, EMPTY, FULL
-from grainsdem.tessellation.growing import grow
-from grainsdem.tessellation.light import CHUNK, SIZE, work_arrays
+from grainsdem.tessellation.growing import gather, grow, leaf_of
+from grainsdem.tessellation.light import CHUNK, SIZE, list_arrays, work_arrays
 from grainsdem.tessellation.merging import has_short_edge, merge
 
 if TYPE_CHECKING:
@@ -97,12 +97,19 @@ def _grow_cells(tree, frame, places, bans, ban_offsets, size, chunk, room, batch
     vertices, counts, ids, codes, corners, spans = batch
     for b in prange((len(places) + chunk - 1) // chunk):
         work = work_arrays(size)
+        around, named = list_arrays()
+        leaf = -1
+        count, known = 0, -1.0
         v, v_end = b * chunk * room[0], (b + 1) * chunk * room[0]
         f, f_end = b * chunk * room[1], (b + 1) * chunk * room[1]
         c, c_end = b * chunk * room[2], (b + 1) * chunk * room[2]
         for at in range(b * chunk, min((b + 1) * chunk, len(places))):
             banned = bans[ban_offsets[at] : ban_offsets[at + 1]]
-            code, n_tri, n_planes = grow(places[at], tree, frame, banned, work)
+            place = places[at]
+            if leaf != leaf_of(place, tree[4], len(tree[0])):
+                leaf = leaf_of(place, tree[4], len(tree[0]))
+                count, known = gather(leaf, tree, frame, around, named, work[4])
+            code, n_tri, n_planes = grow(place, tree, frame, banned, around, named, count, known, work)
             n_v = n_f = n_c = 0
             if code == CUT:
                 code, n_v, n_f, n_c = _emit(

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit, prange
 
 from grainsdem.tessellation.clipping import CUT, FULL
-from grainsdem.tessellation.growing import grow
+from grainsdem.tessellation.growing import gather, grow, leaf_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 
 SIZE = 128
 """Triangles and planes that fit the first work arrays; a Poisson cell needs some 40."""
+
+NEAR = 1024
+"""Seeds that the list around a leaf holds; a Poisson leaf needs some 300."""
 
 CHUNK = 256
 """Cells that one task of the thread pool makes."""
@@ -51,6 +54,12 @@ def work_arrays(size):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
         np.zeros((4, size), dtype=np.int32),
         np.empty(128, dtype=np.int64),
     )
+
+
+@njit(cache=True)
+def list_arrays():  # type: ignore[no-untyped-def]  # noqa: ANN201
+    """Return the arrays for the list of seeds around a leaf; the last entry is never counted."""
+    return np.empty((5, NEAR + 1)), np.empty((3, NEAR + 1), dtype=np.int64)
 
 
 @njit(cache=True)
@@ -95,9 +104,15 @@ def measure_cells(tree, frame, places, size, chunk, result, status):  # type: ig
     nothing = np.empty(0, dtype=np.int64)
     for b in prange(n_chunks):
         work = work_arrays(size)
+        around, named = list_arrays()
+        leaf = -1
+        count, known = 0, -1.0
         for at in range(b * chunk, min((b + 1) * chunk, len(places))):
             place = places[at]
-            code, n_tri, _ = grow(place, tree, frame, nothing, work)
+            if leaf != leaf_of(place, tree[4], len(tree[0])):
+                leaf = leaf_of(place, tree[4], len(tree[0]))
+                count, known = gather(leaf, tree, frame, around, named, work[4])
+            code, n_tri, _ = grow(place, tree, frame, nothing, around, named, count, known, work)
             row = result[tree[0][place]]
             if code == CUT:
                 _measure(work[0], work[1], work[3], n_tri, row)
