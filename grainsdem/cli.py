@@ -266,13 +266,17 @@ def settle(
 ) -> None:
     """Let grains fall under gravity in their container until they are at rest (MuJoCo)."""
     from grainsdem import storage  # noqa: PLC0415  (a command pays only for its own imports)
-    from grainsdem.recipe import settling_words  # noqa: PLC0415  (the same)
+    from grainsdem.recipe import keeping_last_good, settling_words  # noqa: PLC0415  (the same)
     from grainsdem.screen import ChainProgress, print_settling  # noqa: PLC0415  (the same)
 
     storage.check_suffix(output)
     packing = grainsdem.load(bed)
     start = grainsdem.shuffle(packing, rng=rng) if pour else packing
-    with ChainProgress(err, shown=not (quiet or json_)) as progress, progress.stage("Settling") as tell:
+    with (
+        ChainProgress(err, shown=not (quiet or json_)) as progress,
+        progress.stage("Settling") as tell,
+        keeping_last_good(output),
+    ):
         settled = grainsdem.settle(
             start,
             friction=friction,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import tomllib
-from contextlib import nullcontext
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, Self
@@ -17,7 +17,7 @@ import exporters
 from grainsdem import figures, points, storage
 from grainsdem.atomic import replacing
 from grainsdem.dynamics import Progress, Settled, settle
-from grainsdem.errors import FileFormatError, InputError, MissingFileError, WriteError, name_offenders
+from grainsdem.errors import FileFormatError, InputError, MissingFileError, UnstableError, WriteError, name_offenders
 from grainsdem.measures import diameters, masses, percentiles, summary
 from grainsdem.model import QUARTZ_DENSITY, Domain, Packing, Report
 from grainsdem.packing import carve, contacts, rescale, shrink, shuffle
@@ -26,7 +26,7 @@ from grainsdem.validation import validate
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
     from contextlib import AbstractContextManager
 
     from numpy.typing import NDArray
@@ -416,8 +416,18 @@ def _settle(fresh: Packing, recipe: Recipe, folder: Path, monitor: Monitor) -> S
     table = recipe.settle or SettleTable()
     start = shuffle(fresh, rng=_generator(recipe, 1)) if table.shuffle else fresh
     options = table.model_dump(exclude={"shuffle", "overlap"})
-    with monitor.stage("Settling") as tell:
+    with monitor.stage("Settling") as tell, keeping_last_good(folder / "settled.h5"):
         return settle(start, **options, history_path=folder / "history.h5", progress=settling_words(tell))
+
+
+@contextmanager
+def keeping_last_good(path: Path) -> Iterator[None]:
+    """Save the last good state of a run that went wrong beside ``path``, and say so in its error."""
+    try:
+        yield
+    except UnstableError as error:
+        kept = storage.save(error.last_good, path.with_name(f"{path.stem}_last_good.h5"))
+        raise UnstableError(f"{error}; it is kept in {kept}", error.last_good) from error
 
 
 def counting_words(tell: Callable[[float, str], None], things: str) -> Callable[[int, int], None]:

@@ -100,6 +100,14 @@ def test_settle_writes_a_packing_and_a_history(bed, tmp_path):
     assert grainsdem.load_history(tmp_path / "history.h5")["kinetic_energy"][-1] < 1e-6
 
 
+def test_a_run_that_goes_wrong_leaves_its_last_good_state_and_says_where(bed, tmp_path):
+    result = call("settle", bed, tmp_path / "settled.h5", "--time-step", 0.3, "--quiet")
+    assert result.exit_code == 2
+    assert "settled_last_good.h5" in result.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["settled_last_good.h5"]
+    assert len(grainsdem.load(tmp_path / "settled_last_good.h5")) == len(grainsdem.load(bed))
+
+
 def test_info_tells_what_made_the_file(bed):
     facts = json.loads(call("info", bed, "--json").stdout)
     assert [step["step"] for step in facts["provenance"]] == ["recipe", "carve", "shrink", "rescale"]

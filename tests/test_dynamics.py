@@ -50,6 +50,14 @@ def test_overlap_at_rest_is_below_a_thousandth_of_a_diameter(settled):
 
 
 @pytest.mark.client
+def test_a_coarse_run_is_refined_until_its_overlaps_are_shallow(poured):
+    report = settle(poured, time_step=0.03).report
+    assert report.refinements > 0
+    assert report.at_rest
+    assert report.overlap_max <= 5e-4
+
+
+@pytest.mark.client
 def test_energy_never_rises_while_settling(settled):
     energy = settled.history["total_energy"]
     assert (np.diff(energy) < 1e-4).all()

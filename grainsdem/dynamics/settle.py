@@ -32,6 +32,13 @@ REST_FORCE = 0.1
 REST_SAMPLES = 5
 """How many samples in a row must be at rest."""
 
+REST_OVERLAP = 5e-4
+"""Deepest overlap of a bed at rest [d]. It falls with the square of the time step, so a bed that rests on deeper ones
+goes on with half the step."""
+
+REFINEMENTS = 3
+"""How often the time step is halved to make the overlaps shallower."""
+
 SAMPLE_TIME = 0.2
 """Time between samples [√(d/g)]."""
 
@@ -85,6 +92,8 @@ class SettleReport:
         Steps taken, those of abandoned tries not counted.
     halvings : int
         How often the time step was halved to keep the run stable.
+    refinements : int
+        How often it was halved at rest to make the overlaps shallower.
     kinetic_energy : float
         Mean kinetic energy of a grain at the end [m g d].
     unbalanced_force : float
@@ -102,6 +111,7 @@ class SettleReport:
     time_step: float
     n_steps: int
     halvings: int
+    refinements: int
     kinetic_energy: float
     unbalanced_force: float
     overlap_mean: float
@@ -163,7 +173,8 @@ def settle(
     gravity : float
         Acceleration [m/s²], along −z.
     time_step : float
-        Time step in units of √(d/g), d being the median diameter. The overlap at rest grows with its square.
+        Time step in units of √(d/g), d being the median diameter. The overlap at rest grows with its square, so a bed
+        at rest on overlaps deeper than 5e-4 d goes on with half the step until they are shallower, three times at most.
     max_time : float
         Time limit in units of √(d/g).
     history_path : str or path-like, optional
@@ -248,7 +259,9 @@ class _Run:
         self.max_time = max_time
         self.samples = [sample(scene)]
         self.halvings = 0
+        self.refinements = 0
         self.n_steps = 0
+        self._rested_from = 0
 
     def until_rest(self) -> bool:
         """Step until the bed is at rest or time is up; return which."""
@@ -265,8 +278,10 @@ class _Run:
             self.n_steps += n_steps
             self._keep(now)
             if self._is_at_rest():
-                return True
-        return False
+                if now.overlap_max <= REST_OVERLAP or self.refinements == REFINEMENTS:
+                    return True
+                self._refine()
+        return self.refinements > 0
 
     def time_in_si(self) -> float:
         """Return the time [s] of the last good sample."""
@@ -302,10 +317,16 @@ class _Run:
         return now._replace(time=now.time * self.scene.units.time, height=now.height * self.scene.units.length)
 
     def _is_at_rest(self) -> bool:
-        if self.scene.time() <= LEAST_TIME or len(self.samples) <= REST_SAMPLES:
+        if self.scene.time() <= LEAST_TIME or len(self.samples) - self._rested_from <= REST_SAMPLES:
             return False
         last = self.samples[-REST_SAMPLES:]
         return all(s.kinetic_energy < REST_ENERGY and s.unbalanced_force < REST_FORCE for s in last)
+
+    def _refine(self) -> None:
+        """Halve the time step of a bed at rest, and wait for rest anew."""
+        self.refinements += 1
+        self._rested_from = len(self.samples)
+        self.scene.set_time_step(self.scene.model.opt.timestep / 2)
 
     def _go_back(self, good: NDArray[np.float64], trouble: Exception) -> None:
         """Return to the last good state with half the time step, or give up."""
@@ -337,6 +358,7 @@ def _report(scene: Scene, run: _Run, *, at_rest: bool) -> SettleReport:
         time_step=scene.model.opt.timestep * scene.units.time,
         n_steps=run.n_steps,
         halvings=run.halvings,
+        refinements=run.refinements,
         kinetic_energy=last.kinetic_energy,
         unbalanced_force=last.unbalanced_force,
         overlap_mean=last.overlap_mean,
