@@ -52,7 +52,7 @@ _DOCUMENT = Template("""\
   </custom>
   <visual>
     <global azimuth="125" elevation="-22" fovy="38" offwidth="1920" offheight="1440"/>
-    <headlight ambient="0.36 0.35 0.34" diffuse="0.28 0.28 0.28" specular="0 0 0"/>
+    <headlight ambient="0.40 0.40 0.40" diffuse="0.34 0.34 0.34" specular="0 0 0"/>
     <quality shadowsize="8192" offsamples="8"/>
     <map znear="0.01" zfar="60" shadowclip="1.2"/>
     <rgba haze="0.93 0.94 0.95 1"/>
@@ -204,13 +204,15 @@ def text(packing: Packing, options: MjcfOptions | None = None, *, name: str = "b
     world = world_vertices(packing)
     lower, upper = (corner / scales.length for corner in container_box(packing, world))
     world /= scales.length
+    # Planes have no end for contacts; walls are drawn as high as the grains, that they neither hide nor shade them.
+    drawn = upper if packing.domain.is_planar else np.append(upper[:2], min(upper[2], world[:, 2].max()))
     return _DOCUMENT.substitute(
         _settings(packing, options, scales),
         **_picture(world.min(axis=0), world.max(axis=0), lower),
         name=quoteattr(name),
         materials="\n".join([_MATERIAL % (name, *rgb) for name, rgb in GRAIN_COLOURS.items()]),
         meshes=_meshes(packing, scales),
-        container=_container(lower, upper, options, is_planar=packing.domain.is_planar),
+        container=_container(lower, drawn, options, is_planar=packing.domain.is_planar),
         bodies=_bodies(packing, integrals, scales),
     )
 
@@ -262,7 +264,8 @@ def _picture(lower: Floats, upper: Floats, floor: Floats) -> dict[str, str]:
     right = np.cross([0.0, 0.0, 1.0], back)
     right /= np.linalg.norm(right)
     eye = centre + back * (0.62 * extent / tangent)
-    sun = centre + np.array([0.9, -0.5, 1.7]) * extent
+    # Steep, since walls cast shadows although one sees through them.
+    sun = centre + np.array([0.2, -0.35, 1.7]) * extent
     sun[2] = max(sun[2], floor[2] + extent)
     rows = [centre, eye, np.append(right, np.cross(back, right)), sun, centre - sun]
     keys = ["centre", "eye", "eye_axes", "sun", "sunlight"]

@@ -129,6 +129,7 @@ def test_floor_and_walls_stand_on_the_faces_of_the_domain_and_look_inward(fresh)
     model, data = compiled(mjcf.text(fresh))
     length = mjcf.units(fresh).length
     lower, upper = fresh.domain.lower / length, fresh.domain.upper / length
+    upper[2] = world_vertices(fresh)[:, 2].max() / length  # walls are drawn as high as the grains
     wanted = {
         "floor": ([0, 0, 1], lower), "wall_x0": ([1, 0, 0], lower), "wall_x1": ([-1, 0, 0], upper),
         "wall_y0": ([0, 1, 0], lower), "wall_y1": ([0, -1, 0], upper),
