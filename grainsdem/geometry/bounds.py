@@ -109,7 +109,7 @@ class Images(NamedTuple):
     shifts: NDArray[np.int32]
 
 
-def near_images(packing: Packing, within: float = 0.0, *, grains: NDArray[np.int64] | None = None) -> Images:
+def near_images(packing: Packing, within: float = 0.0) -> Images:
     """Return the pairs of grains whose boxes are within a distance, across periodic boundaries too.
 
     Parameters
@@ -118,26 +118,23 @@ def near_images(packing: Packing, within: float = 0.0, *, grains: NDArray[np.int
         Any packing.
     within : float
         Largest distance [m] between the boxes.
-    grains : ndarray of int64, shape (k,), optional
-        Which grains are looked at; all by default.
 
     Returns
     -------
     Images
         Each pair once for each image that is near; a grain meets itself where the domain is small.
     """
-    chosen = np.arange(len(packing)) if grains is None else grains
     lower, upper = boxes(packing)
     # Corners were rounded: moved outward by a few units in the last place, the boxes are certain again.
     margin = 4 * np.finfo(float).eps * np.maximum(np.abs(lower), np.abs(upper)) + 4 * np.finfo(float).tiny
-    lower, upper = (lower - margin)[chosen], (upper + margin)[chosen]
+    lower, upper = lower - margin, upper + margin
     if not packing.domain.periodic.any():
-        pairs = chosen.astype(np.int32)[near_pairs(lower, upper, within)]
-        return Images(pairs.reshape(-1, 2), np.zeros((len(pairs), 3), dtype=np.int32))
-    return _wrapped(packing, lower, upper, within, chosen)
+        pairs = near_pairs(lower, upper, within)
+        return Images(pairs, np.zeros((len(pairs), 3), dtype=np.int32))
+    return _wrapped(packing, lower, upper, within)
 
 
-def _wrapped(packing: Packing, lower: Floats, upper: Floats, within: float, chosen: NDArray[np.int64]) -> Images:
+def _wrapped(packing: Packing, lower: Floats, upper: Floats, within: float) -> Images:
     """Find pairs among the boxes moved into the domain and the images of those that reach over its edge."""
     domain = packing.domain
     period = np.where(domain.periodic, domain.lengths, np.inf)
@@ -163,7 +160,7 @@ def _wrapped(packing: Packing, lower: Floats, upper: Floats, within: float, chos
     pairs = pairs[pairs[:, 0] < len(lower)]  # one of the two at home: every pair has such a copy
     i, j = image[pairs[:, 0]], image[pairs[:, 1]]
     shifts = move[pairs[:, 1]] - home[j].astype(np.int64) + home[i].astype(np.int64)
-    return _once(chosen[i], chosen[j], shifts)
+    return _once(i, j, shifts)
 
 
 def _once(i: NDArray[np.int64], j: NDArray[np.int64], shifts: NDArray[np.int64]) -> Images:

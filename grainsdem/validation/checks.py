@@ -11,8 +11,7 @@ from grainsdem.geometry.bounds import boxes
 from grainsdem.geometry.defects import find_defects
 from grainsdem.geometry.integrals import volumes
 from grainsdem.model import Check, Packing, Polyhedra, Report
-from grainsdem.packing.carve import select
-from grainsdem.validation.overlaps import check_overlaps
+from grainsdem.validation.overlaps import check_overlaps, take
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -84,7 +83,7 @@ def validate(
     sizes = np.full(len(packing), np.nan)
     sound = is_finite.copy()
     rows = np.flatnonzero(is_finite)
-    shapes, _ = select(packing.grains, rows)
+    shapes = take(packing, rows).grains
     found = volumes(shapes)
     sizes[rows] = np.cbrt(6 / np.pi * np.abs(found))
     d = float(sizes[rows].mean()) if rows.size and sizes[rows].any() else 1.0
@@ -150,11 +149,10 @@ def _check_inside(packing: Packing, is_finite: Mask, d: float, tolerance: float)
     """Check that no grain reaches through a wall; periodic axes have none."""
     domain = packing.domain
     worst = np.zeros(len(packing))
-    if is_finite.any():
-        lower, upper = boxes(packing)
-        out = np.maximum(domain.lower - lower, upper - domain.upper)
-        out = np.where(domain.periodic, 0.0, out).max(axis=1)
-        worst = np.where(is_finite, np.maximum(out, 0.0), 0.0)
+    rows = np.flatnonzero(is_finite)
+    lower, upper = boxes(take(packing, rows))
+    out = np.maximum(domain.lower - lower, upper - domain.upper)
+    worst[rows] = np.where(domain.periodic, 0.0, out).max(axis=1, initial=0.0)
     is_out = worst > tolerance * d
     note = "how far the worst grain reaches through a wall"
     return Check(

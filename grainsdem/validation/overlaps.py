@@ -9,7 +9,8 @@ import numpy as np
 from grainsdem.geometry.bounds import near_images
 from grainsdem.geometry.integrals import integrate
 from grainsdem.geometry.separation import bodies, certify, measure_gaps, offsets_between
-from grainsdem.model import Check
+from grainsdem.model import Check, Packing
+from grainsdem.packing.carve import select
 from grainsdem.validation.intersections import intersection_volumes
 
 if TYPE_CHECKING:
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from grainsdem.geometry.separation import Bodies
-    from grainsdem.model import Packing
 
     Floats = NDArray[np.float64]
 
@@ -62,8 +62,9 @@ def check_overlaps(
         Called with the number of pairs that manifold3d has done and of all.
     """
     rows = np.flatnonzero(sound)
+    packing = take(packing, rows)
     solids = bodies(packing)
-    pairs, shifts = near_images(packing, grains=rows)
+    pairs, shifts = near_images(packing)
     between = offsets_between(packing, pairs, shifts)
     # 1e-9 d: two grains at one place, whatever their shapes.
     is_same = (np.abs(between) <= 1e-9 * d).all(axis=1)
@@ -78,10 +79,27 @@ def check_overlaps(
     if overlap < worst < SOFTEST:
         note = f"{note}; {SOFT}"
     return [
-        Check("distinct", not is_same.any(), float(is_same.sum()), 0.0, "pairs in one place", _names(pairs[is_same])),
-        Check("overlaps", not is_over.any(), worst, overlap, "of the smaller volume", _names(pairs[is_over]), note),
+        Check(
+            "distinct", not is_same.any(), float(is_same.sum()), 0.0, "pairs in one place", _names(rows[pairs[is_same]])
+        ),
+        Check(
+            "overlaps", not is_over.any(), worst, overlap, "of the smaller volume", _names(rows[pairs[is_over]]), note
+        ),
         *_check_gaps(packing, solids, rows, d, depth),
     ]
+
+
+def take(packing: Packing, rows: NDArray[np.int64]) -> Packing:
+    """Return the chosen grains of a packing, without their links."""
+    if rows.size == len(packing):
+        return packing
+    return Packing(
+        select(packing.grains, rows)[0],
+        packing.positions[rows],
+        packing.quaternions[rows],
+        packing.densities[rows],
+        packing.domain,
+    )
 
 
 def _share_volumes(
@@ -121,7 +139,7 @@ def _share_volumes(
 
 def _check_gaps(packing: Packing, solids: Bodies, rows: NDArray[np.int64], d: float, depth: float) -> list[Check]:
     """Return the checks of the deepest overlap and of the smallest gap."""
-    pairs, shifts = near_images(packing, SEARCH * d, grains=rows)
+    pairs, shifts = near_images(packing, SEARCH * d)
     gaps = measure_gaps(solids, pairs, offsets_between(packing, pairs, shifts), SEARCH * d).gaps
     is_deep = gaps < -depth * d
     deepest = max(0.0, -float(gaps.min(initial=0.0)))
@@ -131,12 +149,12 @@ def _check_gaps(packing: Packing, solids: Bodies, rows: NDArray[np.int64], d: fl
         "for information; negative is the depth of an overlap" if found else f"no two grains are nearer than {SEARCH} d"
     )
     return [
-        Check("overlap depth", not is_deep.any(), deepest / d, depth, "d", _names(pairs[is_deep]),
+        Check("overlap depth", not is_deep.any(), deepest / d, depth, "d", _names(rows[pairs[is_deep]]),
               SOFT if depth < deepest / d < SOFTEST else ""),
         Check("smallest gap", True, smallest if found else SEARCH, 0.0, "d", (), note),
     ]  # fmt: skip
 
 
-def _names(pairs: NDArray[np.int32]) -> tuple[tuple[int, int], ...]:
+def _names(pairs: NDArray[np.int64]) -> tuple[tuple[int, int], ...]:
     """Return pairs of ids, each once."""
     return tuple((i, j) for i, j in np.unique(pairs, axis=0).tolist())
