@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from grainsdem import recipe as recipes
+from grainsdem.dynamics import Progress
 from grainsdem.errors import FileFormatError, InputError, MissingFileError, ValidationError
 from grainsdem.measures import diameters, masses, percentiles, porosity
+from grainsdem.model import Domain
 from grainsdem.points import poisson
 
 pytestmark = pytest.mark.unit
@@ -44,7 +46,7 @@ def test_the_same_rng_grows_the_same_bytes_and_another_does_not():
 
 def test_seeds_of_a_recipe_are_found_beside_it(tmp_path):
     recipe = recipes.make(**SMALL)
-    domain = recipes.Domain.box(recipe.domain.lengths)
+    domain = Domain.box(recipe.domain.lengths)
     np.savetxt(tmp_path / "mine.txt", poisson(domain, 300, rng=1), fmt="%.17g")
     (tmp_path / "mine.toml").write_text(
         'seeds = {process = "file", path = "mine.txt"}\ngrains = {scale = 0.8}\ndomain = {lengths = [6, 6, 7]}\n'
@@ -115,7 +117,7 @@ def test_settling_is_told_as_a_fraction_that_never_falls():
     hear = recipes.settling_words(lambda fraction, words: told.append((fraction, words)))
     energies = [1e-3, 5.0, 8.0, 1e-1, 3e-1, 1e-4, 1e-6]
     for k, energy in enumerate(energies):
-        hear(recipes.Progress(time=0.01 * k, limit=10.0, energy=energy, goal=1e-6, n_contacts=k))
+        hear(Progress(time=0.01 * k, limit=10.0, energy=energy, goal=1e-6, n_contacts=k))
     fractions = [fraction for fraction, _ in told]
     assert fractions == sorted(fractions)
     assert fractions[-1] == pytest.approx(1.0)

@@ -1,0 +1,253 @@
+"""The tables of a recipe: typed models that refuse unknown keys, and say what is allowed."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+import exporters
+from grainsdem.errors import FileFormatError, InputError, MissingFileError, name_offenders
+from grainsdem.model import QUARTZ_DENSITY
+
+if TYPE_CHECKING:
+    import os
+
+EXAMPLE = Path(__file__).parent.parent / "ottawa_sand.toml"
+"""The demo's recipe: ASTM 20/30 Ottawa sand."""
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Fraction = Annotated[float, Field(ge=0, lt=1)]
+Coefficient = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+
+
+class _Table(BaseModel):
+    """A table of a recipe: unknown keys are refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class DomainTable(_Table):
+    """``[domain]``: the box that grains grow in.
+
+    Parameters
+    ----------
+    lengths : three numbers
+        Edge lengths [m]; only their proportions count where ``grains.median_diameter`` is given.
+    """
+
+    lengths: tuple[Positive, Positive, Positive] = (1.0, 1.0, 1.0)
+
+
+class SeedsTable(_Table):
+    """``[seeds]``: where grains grow.
+
+    Parameters
+    ----------
+    process : {"halton", "poisson", "file"}
+        Point process, or a file of your own points.
+    count : int
+        Number of seeds.
+    bases : three ints
+        Bases of Halton's sequence.
+    path : str
+        File of seeds [m], relative to the recipe, where the process is ``"file"``.
+    relax : int
+        Lloyd iterations: more make grains rounder and more alike.
+    """
+
+    process: Literal["halton", "poisson", "file"] = "halton"
+    count: Annotated[int, Field(ge=1)] | None = None
+    bases: tuple[int, int, int] = (2, 3, 5)
+    path: str | None = None
+    relax: Annotated[int, Field(ge=0)] = 0
+
+    @model_validator(mode="after")
+    def _needs_its_source(self) -> Self:
+        wanted, other = ("path", "count") if self.process == "file" else ("count", "path")
+        if getattr(self, wanted) is None or getattr(self, other) is not None:
+            raise ValueError(f"process {self.process!r} needs {wanted}, and no {other}")
+        return self
+
+
+class GrainsTable(_Table):
+    """``[grains]``: what the cells become.
+
+    Parameters
+    ----------
+    keep : {"inside", "all"}
+        Whether cells that touch a wall are dropped.
+    porosity, scale : float
+        Void fraction of the cells' region, or the linear factor that grains shrink by; one of the two.
+    median_diameter : float, optional
+        Median diameter by mass [m] that the whole bed is scaled to.
+    density : float
+        Density [kg/m³].
+    """
+
+    keep: Literal["inside", "all"] = "inside"
+    porosity: Fraction | None = None
+    scale: Annotated[float, Field(gt=0, le=1)] | None = None
+    median_diameter: Positive | None = None
+    density: Positive = QUARTZ_DENSITY
+
+    @model_validator(mode="after")
+    def _one_of_two(self) -> Self:
+        if (self.porosity is None) == (self.scale is None):
+            raise ValueError("give either porosity or scale")
+        return self
+
+
+class SettleTable(_Table):
+    """``[settle]``: how the grains come to rest; leave the table out for a bed that is only grown.
+
+    Parameters
+    ----------
+    shuffle : bool
+        Whether grains are rotated, reordered and poured; else they settle in place, into a jigsaw.
+    friction : float
+        Coefficient of friction among grains.
+    wall_friction : float, optional
+        Coefficient of friction with the walls; that of the grains by default.
+    gravity : float
+        Acceleration [m/s²].
+    time_step : float
+        Time step in units of √(d/g).
+    max_time : float
+        Time limit in units of √(d/g).
+    overlap : float
+        Largest overlap volume that the soft contacts may leave, relative to the smaller grain.
+    """
+
+    shuffle: bool = True
+    friction: Coefficient = 0.5
+    wall_friction: Coefficient | None = None
+    gravity: Positive = 9.81
+    time_step: Positive = 0.01
+    max_time: Positive = 200.0
+    overlap: Positive = 1e-3
+
+
+class OutputTable(_Table):
+    """``[output]``: what is written.
+
+    Parameters
+    ----------
+    formats : list of str
+        Suffixes of `exporters.FORMATS`, without the dot.
+    figures : bool
+        Whether renders and plots are made.
+    """
+
+    formats: tuple[str, ...] = ("xml", "usda", "stl")
+    figures: bool = True
+
+    @model_validator(mode="after")
+    def _known_formats(self) -> Self:
+        known = [suffix.removeprefix(".") for suffix in exporters.FORMATS]
+        unknown = [name for name in self.formats if name.removeprefix(".") not in known]
+        if unknown:
+            raise ValueError(f"formats must be among {', '.join(known)}; got {name_offenders(unknown)}")
+        return self
+
+
+class Recipe(_Table):
+    """A bed from seeds to rest.
+
+    Parameters
+    ----------
+    name : str
+        What the bed is called.
+    rng : int
+        Seed of everything that is random.
+    domain, seeds, grains, settle, output : tables
+        See each.
+    """
+
+    name: str = "bed"
+    rng: Annotated[int, Field(ge=0)] = 0
+    domain: DomainTable = DomainTable()
+    seeds: SeedsTable
+    grains: GrainsTable
+    settle: SettleTable | None = None
+    output: OutputTable = OutputTable()
+
+
+_TABLES: dict[str, type[_Table]] = {
+    "domain": DomainTable,
+    "seeds": SeedsTable,
+    "grains": GrainsTable,
+    "settle": SettleTable,
+    "output": OutputTable,
+}
+
+
+def read(path: str | os.PathLike[str]) -> Recipe:
+    """Read a recipe.
+
+    Raises
+    ------
+    MissingFileError
+        If there is no such file.
+    FileFormatError
+        If it is not TOML, has unknown keys or values out of range; the message says what is allowed.
+    """
+    path = Path(path)
+    if path.suffix.lower() != ".toml":
+        raise FileFormatError(f"{path}: a recipe is a .toml file; got {path.suffix or 'no suffix'!r}")
+    if not path.is_file():
+        raise MissingFileError(f"{path}: no such file")
+    try:
+        recipe = parse(path.read_text(encoding="utf-8"))
+    except (UnicodeDecodeError, FileFormatError) as error:
+        raise FileFormatError(f"{path}: {error}") from error
+    if recipe.seeds.path is not None:
+        beside = str(path.parent / recipe.seeds.path)
+        recipe = recipe.model_copy(update={"seeds": recipe.seeds.model_copy(update={"path": beside})})
+    return recipe
+
+
+def parse(text: str) -> Recipe:
+    """Return the recipe that a TOML text holds; errors as in `read`."""
+    try:
+        tables = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise FileFormatError(f"not TOML: {error}") from error
+    try:
+        return make(**tables)
+    except InputError as error:
+        raise FileFormatError(str(error)) from error
+
+
+def make(**tables: Any) -> Recipe:
+    """Return the recipe of the given tables, each a dictionary.
+
+    Raises
+    ------
+    InputError
+        If a key is unknown or a value out of range; the message says what is allowed.
+
+    Examples
+    --------
+    >>> make(seeds={"count": 500}, grains={"porosity": 0.4}).seeds.process
+    'halton'
+    """
+    try:
+        return Recipe.model_validate(tables)
+    except ValidationError as error:
+        raise InputError("; ".join(_explain(item) for item in error.errors())) from error
+
+
+def _explain(item: Any) -> str:
+    """Return one of pydantic's errors as a line that says where, what was given and what is allowed."""
+    where = ".".join(str(part) for part in item["loc"])
+    if item["type"] == "extra_forbidden":
+        allowed = (_TABLES[str(item["loc"][0])] if len(item["loc"]) > 1 else Recipe).model_fields
+        return f"{where}: unknown key; allowed are {', '.join(allowed)}"
+    message = item["msg"].removeprefix("Value error, ")
+    if item["type"] == "missing":
+        return f"{where}: missing"
+    shown = f"; got {item['input']!r}" if not isinstance(item["input"], dict) else ""
+    return f"{where}: {message[0].lower()}{message[1:]}{shown}"
