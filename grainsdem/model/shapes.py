@@ -59,9 +59,13 @@ class Polyhedra(Noun):
                 f"vertex_offsets and face_offsets must be of equal length; "
                 f"got {vertex_offsets.size} and {face_offsets.size}"
             )
-        bounds = np.repeat(np.diff(vertex_offsets), np.diff(corner_offsets[face_offsets]))
-        bad = np.flatnonzero((corners < 0) | (corners >= bounds))
-        if bad.size:
+        counts = np.diff(corner_offsets[face_offsets])
+        filled = np.flatnonzero(counts)
+        # The highest corner of each polyhedron: a bound for every corner would take as much memory as the vertices.
+        highest = np.maximum.reduceat(corners, corner_offsets[face_offsets[:-1]][filled]) if filled.size else counts[:0]
+        if corners.size and (corners.min() < 0 or np.any(highest >= np.diff(vertex_offsets)[filled])):
+            bounds = np.repeat(np.diff(vertex_offsets), counts)
+            bad = np.flatnonzero((corners < 0) | (corners >= bounds))
             raise ShapeError(
                 f"face_vertices must index the vertices of their own polyhedron; entries {name_offenders(bad)} do not"
             )

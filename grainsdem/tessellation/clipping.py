@@ -39,7 +39,7 @@ HOME = 13
 
 
 @njit(cache=True)
-def start_box(geo, tri, planes, tags, x, y, z, lengths, periodic, seed):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+def start_box(geo, tri, planes, tags, x, y, z, lengths, periodic, seed):  # type: ignore[no-untyped-def]
     """Make the cell of the site at (x, y, z) the box from 0 to ``lengths``; planes -x, +x, -y, +y, -z, +z.
 
     Along a periodic axis it ends at the site's own images, which bound its cell whatever the weights.
@@ -79,8 +79,8 @@ def start_box(geo, tri, planes, tags, x, y, z, lengths, periodic, seed):  # type
 
 
 @njit(cache=True)
-def _flood(geo, tri, limit, seed):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Mark the triangles beyond ``limit`` that hang together with ``seed``; return their number and that of the rim's edges."""
+def _flood(geo, tri, limit, seed):  # type: ignore[no-untyped-def]
+    """Mark the triangles beyond ``limit`` that hang together with ``seed``; count them and the edges of their rim."""
     tri[7, 0] = seed
     tri[6, seed] = 1
     count = 1
@@ -102,7 +102,7 @@ def _flood(geo, tri, limit, seed):  # type: ignore[no-untyped-def]  # noqa: ANN0
 
 
 @njit(cache=True)
-def _grow_disk(geo, tri, tags, limit, seed, count):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _grow_disk(geo, tri, tags, limit, seed, count):  # type: ignore[no-untyped-def]
     """Mark again, but only what keeps the marked set a disk; return its size and that of its rim."""
     for at in range(count):
         t = tri[7, at]
@@ -146,8 +146,8 @@ def _grow_disk(geo, tri, tags, limit, seed, count):  # type: ignore[no-untyped-d
 
 
 @njit(cache=True)
-def _walk_rim(tri, tags, n_planes, count):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """List the rim of the marked set, edge by edge, in rows 8 (triangle) and 9 (edge); return its length, −1 where it pinches."""
+def _walk_rim(tri, tags, n_planes, count):  # type: ignore[no-untyped-def]
+    """List the rim of the marked set in rows 8 (triangle) and 9 (edge); return its length, −1 where it pinches."""
     t = k = -1
     for at in range(count):
         for j in range(3):
@@ -182,7 +182,7 @@ def _walk_rim(tri, tags, n_planes, count):  # type: ignore[no-untyped-def]  # no
 
 
 @njit(cache=True)
-def cut(geo, tri, planes, tags, n_tri, n_planes, rx, ry, rz, half, slack):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def cut(geo, tri, planes, tags, n_tri, n_planes, rx, ry, rz, half, slack):  # type: ignore[no-untyped-def]
     """Cut the cell by r · x <= half and return what that did, and the new number of triangles.
 
     A vertex beyond the plane by ``slack`` or less counts as on it. Where the cell was cut, the new plane has the number

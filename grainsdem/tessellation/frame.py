@@ -52,13 +52,13 @@ class Frame:
 
     @property
     def kernel(self) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64], float]:
-        """What the kernels take: lengths, periodic axes, walls, and the distance within which a vertex is on a plane."""
+        """What kernels take: lengths, periodic axes, walls, and the distance within which a vertex is on a plane."""
         # 8 roundings: a vertex cut from a box of length 1 is off by a few.
         return self.lengths, self.periodic, self.walls, 8.0 * self.ulp
 
     @property
     def merge_tolerance(self) -> float:
-        """Length below which an edge is rounding: many roundings, since the planes through it may meet at a small angle."""
+        """Length below which an edge is rounding: many roundings, as its planes may meet at a small angle."""
         return 512.0 * self.ulp
 
     def inward(self, points: NDArray[np.float64]) -> NDArray[np.float64]:

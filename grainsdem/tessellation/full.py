@@ -9,7 +9,7 @@ from numba import njit, prange
 
 from grainsdem.errors import GrainsDEMError, name_offenders
 from grainsdem.ragged import offsets_from_counts
-from grainsdem.tessellation.clipping import CUT, EMPTY, FULL
+from grainsdem.tessellation.clipping import CUT, EMPTY, FULL, HOME
 from grainsdem.tessellation.growing import gather, grow, leaf_of
 from grainsdem.tessellation.light import CHUNK, SIZE, list_arrays, work_arrays
 from grainsdem.tessellation.merging import has_short_edge, merge
@@ -51,7 +51,7 @@ class Cells(NamedTuple):
 
 
 @njit(cache=True)
-def _emit(work, n_tri, n_planes, tolerance, vertices, counts, ids, codes, corners):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _emit(work, n_tri, n_planes, tolerance, vertices, counts, ids, codes, corners):  # type: ignore[no-untyped-def]
     """Write one cell into the buffers; return status and the numbers of vertices, faces and corners."""
     geo, tri, _, tags, _ = work
     if n_tri > len(vertices) or n_tri // 2 + 2 > len(counts) or 3 * n_tri > len(corners):
@@ -93,7 +93,7 @@ def _emit(work, n_tri, n_planes, tolerance, vertices, counts, ids, codes, corner
 
 
 @njit(cache=True, parallel=True)
-def _grow_cells(tree, frame, places, bans, ban_offsets, size, chunk, room, batch, status, tolerance):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _grow_cells(tree, frame, places, bans, ban_offsets, size, chunk, room, batch, status, tolerance):  # type: ignore[no-untyped-def]
     vertices, counts, ids, codes, corners, spans = batch
     for b in prange((len(places) + chunk - 1) // chunk):
         work = work_arrays(size)
@@ -126,7 +126,7 @@ def _grow_cells(tree, frame, places, bans, ban_offsets, size, chunk, room, batch
 
 
 @njit(cache=True, parallel=True)
-def _copy_cells(rows, seeds, scale, batch, cells):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _copy_cells(rows, seeds, scale, batch, cells):  # type: ignore[no-untyped-def]
     """Copy the cells in ``rows`` of a batch to their places in the final arrays."""
     vertices, counts, ids, codes, corners, spans = batch
     (
@@ -142,26 +142,33 @@ def _copy_cells(rows, seeds, scale, batch, cells):  # type: ignore[no-untyped-de
     for at in prange(len(rows)):
         row = rows[at]
         i = seeds[at]
+        start = spans[row, 0]
         v = vertex_offsets[i]
         for k in range(spans[row, 1]):
-            for axis in range(3):
-                out_vertices[v + k, axis] = vertices[spans[row, 0] + k, axis] * scale
+            out_vertices[v + k, 0] = vertices[start + k, 0] * scale
+            out_vertices[v + k, 1] = vertices[start + k, 1] * scale
+            out_vertices[v + k, 2] = vertices[start + k, 2] * scale
+        start = spans[row, 4]
         c = corner_starts[i]
         for k in range(spans[row, 5]):
-            out_corners[c + k] = corners[spans[row, 4] + k]
+            out_corners[c + k] = corners[start + k]
+        start = spans[row, 2]
+        f = face_offsets[i]
         for k in range(spans[row, 3]):
-            g = spans[row, 2] + k
-            f = face_offsets[i] + k
-            c += counts[g]
-            corner_offsets[f + 1] = c
-            neighbors[f] = ids[g]
-            shifts[f, 0] = codes[g] // 9 - 1
-            shifts[f, 1] = codes[g] // 3 % 3 - 1
-            shifts[f, 2] = codes[g] % 3 - 1
+            c += counts[start + k]
+            corner_offsets[f + k + 1] = c
+            neighbors[f + k] = ids[start + k]
+            code = codes[start + k]
+            if code == HOME:
+                shifts[f + k, 0] = shifts[f + k, 1] = shifts[f + k, 2] = 0
+            else:
+                shifts[f + k, 0] = code // 9 - 1
+                shifts[f + k, 1] = code // 3 % 3 - 1
+                shifts[f + k, 2] = code % 3 - 1
 
 
 @njit(cache=True, parallel=True)
-def _one_sided(face_offsets, neighbors, shifts):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _one_sided(face_offsets, neighbors, shifts):  # type: ignore[no-untyped-def]
     """Return which faces are not seen from their other side, shape (n_faces,)."""
     result = np.zeros(len(neighbors), dtype=np.bool_)
     for i in prange(len(face_offsets) - 1):

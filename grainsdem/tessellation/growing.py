@@ -1,6 +1,6 @@
 """One cell from its neighbours: the seeds are tried in growing balls until none farther out can reach it.
 
-A seed j at r from the site cuts the cell by the plane r · x = (|r|² + w − w_j) / 2. It can do so only if it is nearer, in
+A seed j at r from the site cuts the cell by the plane r · x = (|r|² + w − w_j) / 2. It does so only if it is nearer, in
 the power distance, to one of the cell's vertices than the site is; the same holds for a box of seeds and their
 largest weight.
 """
@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from math import sqrt
 
-import numpy as np
 from numba import njit
 
 from grainsdem.tessellation.clipping import CUT, HOME, UNTOUCHED, cut, start_box
@@ -25,8 +24,8 @@ SURROUNDINGS = 0.85
 
 
 @njit(cache=True)
-def _reaches(geo, n_tri, x, y, z, boxes, node, weight):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Return whether a seed in the box of ``node`` could be nearer to a vertex of the cell than the site at (x, y, z) is."""
+def _reaches(geo, n_tri, x, y, z, boxes, node, weight):  # type: ignore[no-untyped-def]
+    """Return whether a seed in the box of ``node`` could be nearer to a vertex of the cell than its site is."""
     lx, ly, lz = boxes[node, 0] - x, boxes[node, 1] - y, boxes[node, 2] - z
     hx, hy, hz = boxes[node, 3] - x, boxes[node, 4] - y, boxes[node, 5] - z
     gain = boxes[node, 6] - weight
@@ -41,7 +40,7 @@ def _reaches(geo, n_tri, x, y, z, boxes, node, weight):  # type: ignore[no-untyp
 
 
 @njit(cache=True)
-def _farthest(geo, n_tri):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _farthest(geo, n_tri):  # type: ignore[no-untyped-def]
     """Return the largest squared distance of a vertex from the site."""
     result = 0.0
     for t in range(n_tri):
@@ -50,13 +49,13 @@ def _farthest(geo, n_tri):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN2
 
 
 @njit(cache=True)
-def _shift(k):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _shift(k):  # type: ignore[no-untyped-def]
     """Return 0, -1, 1 for k = 0, 1, 2: the seeds of the domain itself come before their images."""
     return 0 if k == 0 else (-1 if k == 1 else 1)
 
 
 @njit(cache=True)
-def _spacing(boxes, node):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _spacing(boxes, node):  # type: ignore[no-untyped-def]
     """Return the diagonal of the box of the node above ``node``, or of the first one up that has a size."""
     while node > 1:
         node >>= 1
@@ -69,14 +68,14 @@ def _spacing(boxes, node):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN2
 
 
 @njit(cache=True)
-def leaf_of(place, depth, n):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+def leaf_of(place, depth, n):  # type: ignore[no-untyped-def]
     """Return the leaf, from 0, that holds a place of the tree."""
     return (((place + 1) << depth) - 1) // n
 
 
 @njit(cache=True)
-def gather(leaf, tree, frame, around, named, stack):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
-    """List the seeds around a leaf, for all its cells; return their number and how far from the leaf the list is complete.
+def gather(leaf, tree, frame, around, named, stack):  # type: ignore[no-untyped-def]
+    """List the seeds around a leaf for all its cells; return their number and how far the list is complete.
 
     Rows of ``around``: x, y, z, weight, and one of scratch. Rows of ``named``: place of the seed, code of its periodic
     image, and one of scratch.
@@ -137,8 +136,8 @@ def gather(leaf, tree, frame, around, named, stack):  # type: ignore[no-untyped-
 
 
 @njit(cache=True, inline="always")
-def _try_leaf(leaf, place, qx, qy, qz, code, inner, outer, far, n_tri, n_planes, tree, slack, banned, work):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Cut the cell by the seeds of a leaf at inner < |r|² <= outer; return status, triangles, planes and farthest vertex."""
+def _try_leaf(leaf, place, qx, qy, qz, code, inner, outer, far, n_tri, n_planes, tree, slack, banned, work):  # type: ignore[no-untyped-def]
+    """Cut the cell by the seeds of a leaf at inner < |r|² <= outer; return status and what `grow` tracks."""
     order, points, weights, _, depth = tree
     geo, tri, planes, tags, _ = work
     n = len(points)
@@ -166,7 +165,7 @@ def _try_leaf(leaf, place, qx, qy, qz, code, inner, outer, far, n_tri, n_planes,
 
 
 @njit(cache=True)
-def _try_ball(inner, outer, large, place, far, n_tri, n_planes, tree, frame, banned, work):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _try_ball(inner, outer, large, place, far, n_tri, n_planes, tree, frame, banned, work):  # type: ignore[no-untyped-def]
     """Cut the cell by all seeds at inner < |r|² <= outer; ``large``: test large boxes against the vertices too."""
     _, points, weights, boxes, depth = tree
     lengths, periodic, _, slack = frame
@@ -203,7 +202,21 @@ def _try_ball(inner, outer, large, place, far, n_tri, n_planes, tree, frame, ban
                 waiting += 2
                 continue
             status, n_tri, n_planes, far = _try_leaf(
-                node - first_leaf, place, qx, qy, qz, code, inner, outer, far, n_tri, n_planes, tree, slack, banned, work
+                node - first_leaf,
+                place,
+                qx,
+                qy,
+                qz,
+                code,
+                inner,
+                outer,
+                far,
+                n_tri,
+                n_planes,
+                tree,
+                slack,
+                banned,
+                work,
             )
             if status != CUT:
                 return status, n_tri, n_planes, far
@@ -211,7 +224,7 @@ def _try_ball(inner, outer, large, place, far, n_tri, n_planes, tree, frame, ban
 
 
 @njit(cache=True, inline="always")
-def _try_listed(inner, outer, count, place, x, y, z, far, n_tri, n_planes, tree, slack, banned, around, named, work):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _try_listed(inner, outer, count, place, x, y, z, far, n_tri, n_planes, tree, slack, banned, around, named, work):  # type: ignore[no-untyped-def]
     """Cut the cell by the listed seeds at inner < |r|² <= outer, whose squared distances stand in the list."""
     order, _, weights, _, _ = tree
     geo, tri, planes, tags, _ = work
@@ -253,7 +266,7 @@ def _try_listed(inner, outer, count, place, x, y, z, far, n_tri, n_planes, tree,
 
 
 @njit(cache=True)
-def grow(place, tree, frame, banned, around, named, count, known, work):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+def grow(place, tree, frame, banned, around, named, count, known, work):  # type: ignore[no-untyped-def]
     """Build the cell of the seed at ``place`` of the tree in the work arrays; return status, triangles and planes.
 
     ``frame`` is (lengths, periodic, walls, slack): the box runs from 0 to ``lengths``, ``walls``, shape (k, 4), are the
@@ -311,15 +324,15 @@ def grow(place, tree, frame, banned, around, named, count, known, work):  # type
 
 
 @njit(cache=True)
-def _is_banned(banned, key):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    for other in banned:
+def _is_banned(banned, key):  # type: ignore[no-untyped-def]
+    for other in banned:  # noqa: SIM110  (numba compiles no generators)
         if other == key:
             return True
     return False
 
 
 @njit(cache=True)
-def _polish(geo, tri, planes, n_tri, most):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _polish(geo, tri, planes, n_tri, most):  # type: ignore[no-untyped-def]
     """Move every vertex to where its three planes meet, if that is well defined and not farther than ``most``.
 
     The vertices carry the rounding of the large cell that they were cut from; their planes do not.

@@ -45,7 +45,7 @@ class Moments(NamedTuple):
 
 
 @njit(cache=True)
-def work_arrays(size):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def work_arrays(size):  # type: ignore[no-untyped-def]
     """Return work arrays for a cell of up to ``size`` triangles and planes."""
     return (
         np.empty((8, size)),
@@ -57,13 +57,13 @@ def work_arrays(size):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
 
 
 @njit(cache=True)
-def list_arrays():  # type: ignore[no-untyped-def]  # noqa: ANN201
+def list_arrays():  # type: ignore[no-untyped-def]
     """Return the arrays for the list of seeds around a leaf; the last entry is never counted."""
     return np.empty((5, NEAR + 1)), np.empty((3, NEAR + 1), dtype=np.int64)
 
 
 @njit(cache=True)
-def _measure(geo, tri, tags, n_tri, result):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _measure(geo, tri, tags, n_tri, result):  # type: ignore[no-untyped-def]
     """Write volume, first moment and second moment about the site: signed tetrahedra over the faces' fans.
 
     Every directed edge of the dual is one edge of one face; any vertex of the face may be the fan's apex, so no face
@@ -79,7 +79,7 @@ def _measure(geo, tri, tags, n_tri, result):  # type: ignore[no-untyped-def]  # 
             a = tags[2, tri[k, t]]
             # Across the edge that ends at plane k lies the next corner of that plane's face.
             c = tri[3 + (k + 2) % 3, t]
-            if a == t or a == c:  # noqa: PLR1714  (numba has no "in" for tuples of mixed integers)
+            if a == t or a == c:  # noqa: PLR1714, SIM109  (numba has no "in" for integers of mixed widths)
                 continue
             ax, ay, az = geo[0, a], geo[1, a], geo[2, a]
             cx, cy, cz = geo[0, c], geo[1, c], geo[2, c]
@@ -98,7 +98,7 @@ def _measure(geo, tri, tags, n_tri, result):  # type: ignore[no-untyped-def]  # 
 
 
 @njit(cache=True, parallel=True)
-def measure_cells(tree, frame, places, size, chunk, result, status):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def measure_cells(tree, frame, places, size, chunk, result, status):  # type: ignore[no-untyped-def]
     """Write volume, first and second moments of the cells at ``places`` of the tree, in rows by seed."""
     n_chunks = (len(places) + chunk - 1) // chunk
     nothing = np.empty(0, dtype=np.int64)

@@ -10,7 +10,7 @@ from numba import njit
 
 
 @njit(cache=True)
-def has_short_edge(vertices, corners, counts, n_faces, tolerance):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def has_short_edge(vertices, corners, counts, n_faces, tolerance):  # type: ignore[no-untyped-def]
     """Return whether two neighbouring corners of a face are nearer than ``tolerance``."""
     square = tolerance * tolerance
     first = 0
@@ -29,14 +29,14 @@ def has_short_edge(vertices, corners, counts, n_faces, tolerance):  # type: igno
 
 
 @njit(cache=True)
-def _root(parents, i):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _root(parents, i):  # type: ignore[no-untyped-def]
     while parents[i] != i:
         i = parents[i]
     return i
 
 
 @njit(cache=True)
-def _clean_loop(corners, first, count, parents, removed):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _clean_loop(corners, first, count, parents, removed):  # type: ignore[no-untyped-def]
     """Rename the corners of one face, drop repetitions and spikes (a b a), and return how many are left."""
     kept = 0
     for c in range(first, first + count):
@@ -75,7 +75,7 @@ def _clean_loop(corners, first, count, parents, removed):  # type: ignore[no-unt
 
 
 @njit(cache=True)
-def merge(vertices, corners, counts, ids, codes, n_vertices, n_faces, tolerance, scratch):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def merge(vertices, corners, counts, ids, codes, n_vertices, n_faces, tolerance, scratch):  # type: ignore[no-untyped-def]
     """Merge the vertices of one cell that edges shorter than ``tolerance`` join, in place; return the new counts.
 
     Faces left with fewer than three corners are dropped, and so are vertices that only two faces are left to share.

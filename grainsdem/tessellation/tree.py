@@ -44,7 +44,7 @@ class Tree(NamedTuple):
 
 
 @njit(cache=True)
-def _select(order, points, axis, first, last, middle):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _select(order, points, axis, first, last, middle):  # type: ignore[no-untyped-def]
     """Reorder first … last so that ``middle`` is where sorting would put it (Hoare's selection)."""
     left, right = first, last
     while left < right:
@@ -71,7 +71,7 @@ def _select(order, points, axis, first, last, middle):  # type: ignore[no-untype
 
 
 @njit(cache=True, parallel=True)
-def _build(points, weights, order, boxes, depth):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _build(points, weights, order, boxes, depth):  # type: ignore[no-untyped-def]
     n = len(points)
     for level in range(depth + 1):
         width = 1 << level
