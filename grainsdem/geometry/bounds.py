@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit, prange
 
 from grainsdem.errors import InputError, ShapeError, name_offenders
-from grainsdem.geometry.rotations import world_vertices
+from grainsdem.geometry.rotations import to_matrices
 from grainsdem.ragged import offsets_from_counts, owners
 
 if TYPE_CHECKING:
@@ -35,15 +35,8 @@ def boxes(packing: Packing) -> tuple[Floats, Floats]:
     lower, upper : ndarray, shape (n, 3)
         Corners [m]; a grain without vertices has the box of its position alone.
     """
-    grains = packing.grains
-    lower = packing.positions.copy()
-    upper = packing.positions.copy()
-    filled = np.flatnonzero(np.diff(grains.vertex_offsets))
-    if filled.size:
-        vertices = world_vertices(packing)
-        starts = grains.vertex_offsets[:-1][filled]
-        lower[filled] = np.minimum.reduceat(vertices, starts, axis=0)
-        upper[filled] = np.maximum.reduceat(vertices, starts, axis=0)
+    lower, upper = packing.positions.copy(), packing.positions.copy()
+    _bound(packing.grains.vertices, packing.grains.vertex_offsets, to_matrices(packing.quaternions), lower, upper)
     return lower, upper
 
 
@@ -192,6 +185,20 @@ def _cover(lower: Floats, upper: Floats, within: float) -> tuple[NDArray[np.int6
 def _bucket_bits(first: NDArray[np.int64], last: NDArray[np.int64]) -> int:
     """Return the logarithm of a table about as long as it has entries."""
     return int(np.prod(last - first + 1, axis=1).sum()).bit_length()
+
+
+@njit(cache=True, parallel=True)
+def _bound(vertices: Floats, vertex_offsets: NDArray[np.int64], matrices: Floats, lower: Floats, upper: Floats) -> None:
+    for i in prange(vertex_offsets.size - 1):
+        for c in range(3):
+            low, high = np.inf, -np.inf
+            for k in range(vertex_offsets[i], vertex_offsets[i + 1]):
+                x = matrices[i, c, 0] * vertices[k, 0] + matrices[i, c, 1] * vertices[k, 1]
+                x += matrices[i, c, 2] * vertices[k, 2]
+                low, high = min(low, x), max(high, x)
+            if low <= high:
+                lower[i, c] += low
+                upper[i, c] += high
 
 
 @njit(cache=True, inline="always")

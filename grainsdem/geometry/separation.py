@@ -12,12 +12,20 @@ from numba import njit, prange
 
 from grainsdem.geometry.pairs.bodies import CHUNK, Bodies, bodies
 from grainsdem.geometry.pairs.gjk import FAR, OVERLAPPING, closest_points, descend, make_simplex
-from grainsdem.geometry.pairs.patches import area_and_centre, basis, clip, find_feature, nearest_on_segments, project
+from grainsdem.geometry.pairs.patches import (
+    find_facing,
+    find_feature,
+    make_patch,
+    nearest_on_segments,
+    share_patch,
+    take_face,
+)
 from grainsdem.geometry.pairs.penetration import along, search_edges, search_faces
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from grainsdem.geometry.pairs.patches import Patch
     from grainsdem.model import Packing
 
     Floats = NDArray[np.float64]
@@ -150,16 +158,30 @@ def _measure_block(
     solids: Bodies, pairs: NDArray[np.int32], offsets: Floats, limit: float, room: int, start: int, stop: int, out: Gaps
 ) -> None:
     """Measure the pairs of one block, with scratch of its own."""
-    simplex = make_simplex()
-    nowhere = np.zeros(3)
-    u, w, pa, pb, centre = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(2)
+    simplex, patch = make_simplex(), make_patch(room)
+    pa, pb = np.empty(3), np.empty(3)
     picked, segments = np.empty(2, dtype=np.int64), np.empty((4, 3))
-    poly_a, poly_b = np.empty(room, dtype=np.int64), np.empty(room, dtype=np.int64)
-    flat_a, flat_b, spare = np.empty((room, 2)), np.empty((room, 2)), np.empty((room, 2))
+    n = simplex.nearest
     for row in range(start, stop):
         a, b = pairs[row, 0], pairs[row, 1]
         t = offsets[row]
-        n = simplex.nearest
+        # Most grains of a fresh packing face each other with parallel faces: their planes prove their distance.
+        face, other = find_facing(solids, a, b, t, n)
+        if other >= 0:
+            gap = along(solids, a, b, t, n[0], n[1], n[2])
+            if gap > limit:
+                continue
+            if gap >= 0.0:
+                corners_a = take_face(solids, a, face, patch.polygon_a)
+                corners_b = take_face(solids, b, other, patch.polygon_b)
+                shared, area = share_patch(solids, corners_a, corners_b, t, n, patch)
+                if shared > 0:
+                    _keep(row, gap, n, corners_a, corners_b, out)
+                    _keep_patch(row, solids.heights[face] + 0.5 * gap, area, n, patch, out)
+                    for c in range(3):
+                        out.firsts[row, c] = out.centres[row, c] - 0.5 * gap * n[c]
+                        out.seconds[row, c] = out.centres[row, c] + 0.5 * gap * n[c]
+                    continue
         state, count, lower = descend(solids, a, b, t, limit, simplex)
         if state == FAR:
             continue
@@ -173,34 +195,36 @@ def _measure_block(
             gap = _solve_near(solids, a, b, t, pa, pb, apart, n, picked, segments)
         if gap > limit:
             continue
-        count_a = find_feature(solids, a, n[0], n[1], n[2], poly_a)
-        count_b = find_feature(solids, b, -n[0], -n[1], -n[2], poly_b)
-        out.gaps[row] = gap
-        out.features[row, 0] = min(count_a, 3) - 1
-        out.features[row, 1] = min(count_b, 3) - 1
+        corners_a = find_feature(solids, a, n[0], n[1], n[2], patch.polygon_a)
+        corners_b = find_feature(solids, b, -n[0], -n[1], -n[2], patch.polygon_b)
+        _keep(row, gap, n, corners_a, corners_b, out)
         for c in range(3):
-            out.normals[row, c] = n[c]
             out.firsts[row, c] = pa[c]
             out.seconds[row, c] = pb[c]
             out.centres[row, c] = 0.5 * (pa[c] + pb[c])
-        if max(count_a, count_b) < 3 or min(count_a, count_b) < 2:
-            continue
-        basis(n, u, w)
-        project(solids, poly_a, count_a, nowhere, u, w, flat_a)
-        project(solids, poly_b, count_b, t, u, w, flat_b)
-        # Seen from the tip of n, faces of a run counter-clockwise and those of b clockwise.
-        if count_a >= 3:
-            shared = clip(flat_b, count_b, flat_a, count_a, 1.0, spare)
-            area = area_and_centre(flat_b, shared, centre)
-        else:
-            shared = clip(flat_a, count_a, flat_b, count_b, -1.0, spare)
-            area = area_and_centre(flat_a, shared, centre)
-        if shared == 0:
-            continue
-        out.areas[row] = area if min(count_a, count_b) >= 3 else 0.0
-        height = 0.5 * (n[0] * (pa[0] + pb[0]) + n[1] * (pa[1] + pb[1]) + n[2] * (pa[2] + pb[2]))
-        for c in range(3):
-            out.centres[row, c] = centre[0] * u[c] + centre[1] * w[c] + height * n[c]
+        if max(corners_a, corners_b) >= 3 and min(corners_a, corners_b) >= 2:
+            shared, area = share_patch(solids, corners_a, corners_b, t, n, patch)
+            if shared > 0:
+                height = 0.5 * (n[0] * (pa[0] + pb[0]) + n[1] * (pa[1] + pb[1]) + n[2] * (pa[2] + pb[2]))
+                _keep_patch(row, height, area if min(corners_a, corners_b) >= 3 else 0.0, n, patch, out)
+
+
+@njit(cache=True)
+def _keep(row: int, gap: float, n: Floats, corners_a: int, corners_b: int, out: Gaps) -> None:
+    """Write down a gap, its normal and what touches what."""
+    out.gaps[row] = gap
+    out.features[row, 0] = min(corners_a, 3) - 1
+    out.features[row, 1] = min(corners_b, 3) - 1
+    for c in range(3):
+        out.normals[row, c] = n[c]
+
+
+@njit(cache=True)
+def _keep_patch(row: int, height: float, area: float, n: Floats, patch: Patch, out: Gaps) -> None:
+    """Write down a shared patch's area, and its centre at a height along the normal."""
+    out.areas[row] = area
+    for c in range(3):
+        out.centres[row, c] = patch.centre[0] * patch.across[c] + patch.centre[1] * patch.up[c] + height * n[c]
 
 
 @njit(cache=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -22,6 +22,105 @@ PARALLEL = 1e-3
 by less than 1e-3 d, the depth that soft contacts are allowed."""
 
 
+class Patch(NamedTuple):
+    """Two polygons and the plane that they are laid into: scratch, one for each thread.
+
+    Parameters
+    ----------
+    polygon_a, polygon_b : ndarray of int64, shape (room,)
+        Vertices that the two bodies touch with.
+    flat_a, flat_b, spare : ndarray, shape (room, 2)
+        The polygons in the plane [m], and one more for cutting.
+    across, up : ndarray, shape (3,)
+        Axes of the plane.
+    centre : ndarray, shape (2,)
+        Centre of what the two share, in the plane [m].
+    """
+
+    polygon_a: NDArray[np.int64]
+    polygon_b: NDArray[np.int64]
+    flat_a: Floats
+    flat_b: Floats
+    spare: Floats
+    across: Floats
+    up: Floats
+    centre: Floats
+
+
+@njit(cache=True)
+def make_patch(room: int) -> Patch:
+    """Return scratch for polygons of up to ``room`` corners."""
+    return Patch(
+        np.empty(room, dtype=np.int64),
+        np.empty(room, dtype=np.int64),
+        np.empty((room, 2)),
+        np.empty((room, 2)),
+        np.empty((room, 2)),
+        np.empty(3),
+        np.empty(3),
+        np.empty(2),
+    )
+
+
+@njit(cache=True)
+def take_face(solids: Bodies, a: int, face: int, polygon: NDArray[np.int64]) -> int:
+    """Fill the corners of a face of body ``a``; return their number."""
+    start = solids.corner_offsets[face]
+    count = solids.corner_offsets[face + 1] - start
+    for c in range(count):
+        polygon[c] = solids.vertex_offsets[a] + solids.corners[start + c]
+    return int(count)
+
+
+@njit(cache=True)
+def find_facing(solids: Bodies, a: int, b: int, t: Floats, n: Floats) -> tuple[int, int]:
+    """Fill the normal of the face of ``a`` that looks most towards ``b``; return it and the face of ``b`` facing it.
+
+    The second is -1 where none is parallel to the first.
+    """
+    normals = solids.normals
+    face, other = -1, -1
+    best, least = -np.inf, np.inf
+    for f in range(solids.face_offsets[a], solids.face_offsets[a + 1]):
+        s = normals[f, 0] * t[0] + normals[f, 1] * t[1] + normals[f, 2] * t[2]
+        if s > best:
+            best, face = s, f
+    if face < 0:
+        return face, other
+    n[0], n[1], n[2] = normals[face, 0], normals[face, 1], normals[face, 2]
+    for f in range(solids.face_offsets[b], solids.face_offsets[b + 1]):
+        s = n[0] * normals[f, 0] + n[1] * normals[f, 1] + n[2] * normals[f, 2]
+        if s < least:
+            least, other = s, f
+    if least > -0.5:
+        return face, -1
+    x = n[1] * normals[other, 2] - n[2] * normals[other, 1]
+    y = n[2] * normals[other, 0] - n[0] * normals[other, 2]
+    z = n[0] * normals[other, 1] - n[1] * normals[other, 0]
+    # Tilted by less than this, the two planes are as far apart as their grains to within 1e-11 of a grain.
+    return face, other if x * x + y * y + z * z <= 1e-22 else -1
+
+
+@njit(cache=True)
+def share_patch(solids: Bodies, count_a: int, count_b: int, t: Floats, n: Floats, patch: Patch) -> tuple[int, float]:
+    """Cut one of the two polygons by the other, seen along ``n``; return the corners left and their area."""
+    u, w = patch.across, patch.up
+    _basis(n, u, w)
+    _project(solids, patch.polygon_a, count_a, u, w, patch.flat_a)
+    _project(solids, patch.polygon_b, count_b, u, w, patch.flat_b)
+    x = u[0] * t[0] + u[1] * t[1] + u[2] * t[2]
+    y = w[0] * t[0] + w[1] * t[1] + w[2] * t[2]
+    for c in range(count_b):
+        patch.flat_b[c, 0] += x
+        patch.flat_b[c, 1] += y
+    # Seen from the tip of n, faces of a run counter-clockwise and those of b clockwise.
+    if count_a >= 3:
+        shared = _clip(patch.flat_b, count_b, patch.flat_a, count_a, 1.0, patch.spare)
+        return shared, _area_and_centre(patch.flat_b, shared, patch.centre)
+    shared = _clip(patch.flat_a, count_a, patch.flat_b, count_b, -1.0, patch.spare)
+    return shared, _area_and_centre(patch.flat_a, shared, patch.centre)
+
+
 @njit(cache=True)
 def find_feature(solids: Bodies, a: int, nx: float, ny: float, nz: float, polygon: NDArray[np.int64]) -> int:
     """Fill the corners of what body ``a`` touches with in a direction; return their number."""
@@ -34,11 +133,7 @@ def find_feature(solids: Bodies, a: int, nx: float, ny: float, nz: float, polygo
         if c >= 1.0 - 0.5 * PARALLEL * PARALLEL and solids.areas[f] > widest:
             widest, face = solids.areas[f], f
     if face >= 0:
-        start = solids.corner_offsets[face]
-        count = solids.corner_offsets[face + 1] - start
-        for c in range(count):
-            polygon[c] = v0 + solids.corners[start + c]
-        return int(count)
+        return take_face(solids, a, face, polygon)
     top, high = v0, -np.inf
     for k in range(v0, v1):
         s = nx * x[k, 0] + ny * x[k, 1] + nz * x[k, 2]
@@ -58,7 +153,7 @@ def find_feature(solids: Bodies, a: int, nx: float, ny: float, nz: float, polygo
 
 
 @njit(cache=True)
-def basis(n: Floats, u: Floats, w: Floats) -> None:
+def _basis(n: Floats, u: Floats, w: Floats) -> None:
     """Fill two unit vectors such that (u, w, n) is right-handed."""
     if abs(n[0]) <= abs(n[1]) and abs(n[0]) <= abs(n[2]):
         u[0], u[1], u[2] = 0.0, n[2], -n[1]
@@ -74,20 +169,18 @@ def basis(n: Floats, u: Floats, w: Floats) -> None:
 
 
 @njit(cache=True)
-def project(
-    solids: Bodies, polygon: NDArray[np.int64], count: int, shift: Floats, u: Floats, w: Floats, flat: Floats
-) -> None:
+def _project(solids: Bodies, polygon: NDArray[np.int64], count: int, u: Floats, w: Floats, flat: Floats) -> None:
     """Lay a polygon into the plane of (u, w)."""
     x = solids.vertices
     for c in range(count):
         k = polygon[c]
-        px, py, pz = x[k, 0] + shift[0], x[k, 1] + shift[1], x[k, 2] + shift[2]
+        px, py, pz = x[k, 0], x[k, 1], x[k, 2]
         flat[c, 0] = u[0] * px + u[1] * py + u[2] * pz
         flat[c, 1] = w[0] * px + w[1] * py + w[2] * pz
 
 
 @njit(cache=True)
-def clip(subject: Floats, n_subject: int, window: Floats, n_window: int, turn: float, spare: Floats) -> int:
+def _clip(subject: Floats, n_subject: int, window: Floats, n_window: int, turn: float, spare: Floats) -> int:
     """Cut a polygon, segment or point by a convex polygon (Sutherland and Hodgman); return its number of corners.
 
     ``turn`` is 1 where the window runs counter-clockwise, else −1. The result lies in ``subject``.
@@ -118,7 +211,7 @@ def clip(subject: Floats, n_subject: int, window: Floats, n_window: int, turn: f
 
 
 @njit(cache=True)
-def area_and_centre(polygon: Floats, count: int, centre: Floats) -> float:
+def _area_and_centre(polygon: Floats, count: int, centre: Floats) -> float:
     """Return the area of a flat polygon and fill its centroid; its middle where it has no area."""
     if count == 0:
         return 0.0
