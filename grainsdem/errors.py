@@ -46,6 +46,10 @@ class ValidationError(GrainsDEMError, RuntimeError):
     """A packing failed a check of validation."""
 
 
+class ConvergenceError(GrainsDEMError, RuntimeError):
+    """An iteration did not come as close as was asked; the message says how close it came."""
+
+
 class UnstableError(GrainsDEMError, RuntimeError):
     """A simulation went wrong and a smaller time step did not help.
 

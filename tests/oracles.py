@@ -1,12 +1,12 @@
-"""Answers from programs that are not ours: Voronoi cells by mirrored seeds and Qhull, Laguerre cells by lifting, Voro++."""
+"""Answers from programs that are not ours: cells by mirrored seeds and by half-spaces, through Qhull; Voro++."""
 
 import numpy as np
 
 
 def images(sites, domain):
-    """Return the sites, their mirror images in every wall and their copies across every periodic axis, with what each is.
+    """Return the sites, their mirror images in every wall and their periodic copies, with what each is.
 
-    The copies are (site, shift) and the mirror images (wall id, no shift); mirrors of copies keep the copies' cells right.
+    Copies are (site, shift) and mirror images (wall id, no shift); mirrors of copies keep the copies' cells right.
     """
     points = [(np.asarray(sites, float), np.arange(len(sites)), np.zeros((len(sites), 3), int))]
     for axis in np.flatnonzero(domain.periodic):
@@ -46,7 +46,7 @@ def voronoi_faces(sites, domain):
 
 
 def laguerre_volumes(sites, weights, domain):
-    """Return the volumes of Laguerre cells in a box: each cell an intersection of half-spaces by Qhull."""
+    """Return the volumes of Laguerre cells without periodic axes: each cell an intersection of half-spaces by Qhull."""
     from scipy.spatial import ConvexHull
 
     volumes = np.zeros(len(sites))
@@ -59,6 +59,7 @@ def laguerre_volumes(sites, weights, domain):
                 np.column_stack([normals, -offsets]),
                 np.column_stack([np.eye(3), site - domain.upper]),
                 np.column_stack([-np.eye(3), domain.lower - site]),
+                np.column_stack([domain.planes[:, :3], domain.planes[:, :3] @ site - domain.planes[:, 3]]),
             ]
         )
         vertices = half_space_vertices(planes)

@@ -33,9 +33,9 @@ def check_laws(cells, *, lost=1e-12):
     measured = integrate(shapes)
     assert measured.volumes.sum() == pytest.approx(domain.volume, rel=1e-12)
     assert np.all(measured.volumes >= 0)
-    counts = np.add.reduceat(np.diff(shapes.face_vertex_offsets), shapes.face_offsets[:-1])
+    counts = np.diff(shapes.face_vertex_offsets[shapes.face_offsets])
     euler = np.diff(shapes.vertex_offsets) - counts // 2 + np.diff(shapes.face_offsets)
-    assert np.all(euler == 2)
+    assert np.all(euler == np.where(counts > 0, 2, 0))
     planes = face_planes(shapes)
     owner = owners(shapes.face_offsets)
     closure = np.zeros((len(cells), 3))
@@ -184,9 +184,7 @@ def test_permuting_the_seeds_permutes_the_cells():
     seeds = halton(domain, 400)
     order = np.random.default_rng(1).permutation(400)
     volumes = integrate(tessellate(seeds, domain).cells).volumes
-    assert integrate(tessellate(seeds[order], domain).cells).volumes == pytest.approx(
-        volumes[order], rel=1e-12
-    )
+    assert integrate(tessellate(seeds[order], domain).cells).volumes == pytest.approx(volumes[order], rel=1e-12)
 
 
 @pytest.mark.unit

@@ -61,11 +61,18 @@ def halton(
         raise InputError(f"start must be 0 or more; got {start}")
     if len(bases) != 3 or min(bases) < 2 or np.lcm.reduce(bases) != np.prod(bases):
         raise InputError(f"bases must be three whole numbers above 1 without a common factor; got {tuple(bases)}")
-    index = np.arange(start, start + n, dtype=np.int64)
-    unit = np.stack([_radical_inverse(index, base) for base in bases], axis=1)
-    if rng is not None:
-        unit = np.mod(unit + np.random.default_rng(rng).random(3), 1.0)
-    return place(unit, domain)
+    shift = None if rng is None else np.random.default_rng(rng).random(3)
+    kept: list[NDArray[np.float64]] = []
+    # One pass fills a box; where planes cut it, the sequence goes on until enough of it lies inside.
+    while sum(map(len, kept)) < n:
+        index = np.arange(start, start + n, dtype=np.int64)
+        unit = np.stack([_radical_inverse(index, base) for base in bases], axis=1)
+        if shift is not None:
+            unit = np.mod(unit + shift, 1.0)
+        points = place(unit, domain)
+        kept.append(points[domain.contains(points)] if len(domain.planes) else points)
+        start += n
+    return np.concatenate(kept)[:n]
 
 
 def _radical_inverse(index: NDArray[np.int64], base: int) -> NDArray[np.float64]:

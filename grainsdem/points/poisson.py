@@ -37,8 +37,16 @@ def poisson(domain: Domain, n: int, *, rng: np.random.Generator | int | None = N
         If ``n`` is below 1.
     """
     check_count(n)
-    unit = np.random.default_rng(rng).random((n, 3))
-    return place(unit, domain)
+    generator = np.random.default_rng(rng)
+    points = place(generator.random((n, 3)), domain)
+    if not len(domain.planes):
+        return points
+    # In the box first, then those that the planes keep: uniform in what is left of it.
+    kept = [points[domain.contains(points)]]
+    while sum(map(len, kept)) < n:
+        points = place(generator.random((n, 3)), domain)
+        kept.append(points[domain.contains(points)])
+    return np.concatenate(kept)[:n]
 
 
 def check_count(n: int) -> None:

@@ -63,13 +63,13 @@ def relax(
     weights = np.zeros(len(sites))
     for iteration in range(iterations):
         cells = moments(build(frame.inward(sites), weights), frame)
-        sites = _inside(sites + cells.centroids, domain)
+        sites = inside(sites + cells.centroids, domain)
         if progress is not None:
             progress(iteration + 1)
     return sites
 
 
-def _inside(sites: NDArray[np.float64], domain: Domain) -> NDArray[np.float64]:
+def inside(sites: NDArray[np.float64], domain: Domain) -> NDArray[np.float64]:
     """Return the sites wrapped around the periodic axes; a centroid is inside but for rounding."""
     wrapped = domain.lower + np.mod(sites - domain.lower, domain.lengths)
     return np.clip(np.where(domain.periodic, wrapped, sites), domain.lower, domain.upper)
