@@ -27,7 +27,7 @@ from grainsdem.ragged import owners
 from grainsdem.tessellation.frame import Frame
 from grainsdem.tessellation.full import full_cells
 from grainsdem.tessellation.lloyd import inside
-from grainsdem.tessellation.tree import build
+from grainsdem.tessellation.tree import Tree, build, reweighted
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -165,9 +165,8 @@ def _quantiles(law: Law, n: int) -> Floats:
     return np.asarray(law.ppf((np.arange(n) + 0.5) / n), dtype=np.float64)
 
 
-def _state(domain: Domain, sites: Floats, weights: Floats) -> _State:
-    frame = Frame.of(domain)
-    cells = full_cells(build(frame.inward(sites), (weights - weights.mean()) / frame.scale**2), frame)
+def _state(tree: Tree, frame: Frame, weights: Floats) -> _State:
+    cells = full_cells(reweighted(tree, (weights - weights.mean()) / frame.scale**2), frame)
     shapes = Polyhedra(cells.vertices, cells.vertex_offsets, cells.face_offsets, cells.corners, cells.corner_offsets)
     measured = integrate(shapes)
     return _State(shapes, cells.neighbors, cells.shifts, measured.volumes, measured.centroids)
@@ -183,9 +182,11 @@ def _solve(
     progress: Callable[[int, float], None] | None,
 ) -> tuple[Floats, _State, int]:
     """Return weights that give the volumes asked for, their cells, and the number of steps taken so far."""
+    frame = Frame.of(domain)
+    tree = build(frame.inward(sites), weights)
     # The old weights may leave a moved seed without a cell; they are weakened until all have one, as all have without.
     for strength in (1.0, 0.9, 0.75, 0.5, 0.25, 0.0):
-        state = _state(domain, sites, strength * weights)
+        state = _state(tree, frame, strength * weights)
         if state.volumes.min() > 0:
             weights = strength * weights
             break
@@ -198,7 +199,7 @@ def _solve(
         error = np.linalg.norm(state.volumes - targets)
         length = 1.0
         while True:
-            trial = _state(domain, sites, weights + length * direction)
+            trial = _state(tree, frame, weights + length * direction)
             fallen = np.linalg.norm(trial.volumes - targets) <= (1 - 0.5 * length) * error
             if fallen and trial.volumes.min() >= smallest:
                 break

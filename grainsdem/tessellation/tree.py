@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 LEAF_SIZE = 6
 """Seeds in a leaf, at most: fewer visit more boxes, more try more seeds in vain."""
 
+SERIAL_LEVELS = 4
+"""Levels that are split one node after another before the branches are shared out."""
+
 
 class Tree(NamedTuple):
     """Seeds in the order of their leaves, and the boxes of the nodes.
@@ -70,28 +73,42 @@ def _select(order, points, axis, first, last, middle):  # type: ignore[no-untype
             return
 
 
-@njit(cache=True, parallel=True)
-def _build(points, weights, order, boxes, depth):  # type: ignore[no-untyped-def]
+@njit(cache=True)
+def _split(points, weights, order, boxes, level, k, depth):
+    """Measure node ``k`` of a level, and part its seeds along its longest axis unless it is a leaf."""
     n = len(points)
-    for level in range(depth + 1):
-        width = 1 << level
-        for k in prange(width):
-            first, last = (k * n) >> level, ((k + 1) * n) >> level
-            box = boxes[width + k]
-            box[:3] = np.inf
-            box[3:] = -np.inf
-            for p in range(first, last):
-                i = order[p]
-                for axis in range(3):
-                    box[axis] = min(box[axis], points[i, axis])
-                    box[3 + axis] = max(box[3 + axis], points[i, axis])
-                box[6] = max(box[6], weights[i])
-            if level < depth:
-                axis = 0
-                for other in range(1, 3):
-                    if box[3 + other] - box[other] > box[3 + axis] - box[axis]:
-                        axis = other
-                _select(order, points, axis, first, last - 1, ((2 * k + 1) * n) >> (level + 1))
+    first, last = (k * n) >> level, ((k + 1) * n) >> level
+    node = (1 << level) + k
+    for axis in range(3):
+        boxes[node, axis] = np.inf
+        boxes[node, 3 + axis] = -np.inf
+    boxes[node, 6] = -np.inf
+    for p in range(first, last):
+        i = order[p]
+        for axis in range(3):
+            boxes[node, axis] = min(boxes[node, axis], points[i, axis])
+            boxes[node, 3 + axis] = max(boxes[node, 3 + axis], points[i, axis])
+        boxes[node, 6] = max(boxes[node, 6], weights[i])
+    if level < depth:
+        axis = 0
+        for other in range(1, 3):
+            if boxes[node, 3 + other] - boxes[node, other] > boxes[node, 3 + axis] - boxes[node, axis]:
+                axis = other
+        _select(order, points, axis, first, last - 1, ((2 * k + 1) * n) >> (level + 1))
+
+
+@njit(cache=True, parallel=True)
+def _build(points, weights, order, boxes, depth):
+    top = min(depth, SERIAL_LEVELS)
+    for level in range(top):
+        for k in range(1 << level):
+            _split(points, weights, order, boxes, level, k, depth)
+    # One parallel loop over whole subtrees: a barrier at each level would cost more than it gives.
+    for branch in prange(1 << top):
+        for level in range(top, depth + 1):
+            width = 1 << (level - top)
+            for k in range(branch * width, (branch + 1) * width):
+                _split(points, weights, order, boxes, level, k, depth)
 
 
 def build(points: NDArray[np.float64], weights: NDArray[np.float64]) -> Tree:
@@ -104,3 +121,17 @@ def build(points: NDArray[np.float64], weights: NDArray[np.float64]) -> Tree:
     boxes = np.zeros((2 << depth, 7))
     _build(points, weights, order, boxes, depth)
     return Tree(order, points[order], weights[order], boxes, depth)
+
+
+def reweighted(tree: Tree, weights: NDArray[np.float64]) -> Tree:
+    """Return the tree of the same seeds with other weights, shape (n,)."""
+    n, width = len(tree.order), 1 << tree.depth
+    boxes = tree.boxes.copy()
+    ordered = weights[tree.order]
+    boxes[width:, 6] = np.maximum.reduceat(ordered, (np.arange(width) * n) >> tree.depth)
+    while width > 1:
+        width >>= 1
+        boxes[width : 2 * width, 6] = np.maximum(
+            boxes[2 * width : 4 * width : 2, 6], boxes[2 * width + 1 : 4 * width : 2, 6]
+        )
+    return tree._replace(weights=ordered, boxes=boxes)
