@@ -170,3 +170,46 @@ def test_manifold3d_measures_the_same_gaps(fresh):
         solids.append(manifold3d.Manifold(manifold3d.Mesh64(np.ascontiguousarray(vertices), corners)))
     for (i, j), gap in list(zip(graph.pairs.tolist(), graph.gaps, strict=True))[::4]:
         assert solids[i].min_gap(solids[j], 1.0) == pytest.approx(gap / d, abs=1e-9)
+
+
+@pytest.mark.unit
+def test_walls_count_as_grains_where_asked():
+    packing = cube_packing([[1.0, 5, 5], [3, 1.2, 5]])
+    assert contacts(packing, within=0.3).pairs.tolist() == []
+    graph = contacts(packing, within=0.3, walls=True)
+    assert graph.pairs.tolist() == [[-3, 1], [-1, 0]]
+    np.testing.assert_allclose(graph.gaps, [0.2, 0], atol=1e-15)
+    np.testing.assert_allclose(graph.normals, [[0, 1, 0], [1, 0, 0]], atol=1e-15)
+    np.testing.assert_allclose(graph.points, [[3, 0.1, 5], [0, 5, 5]], atol=1e-14)
+    np.testing.assert_allclose(graph.areas, [4, 4])
+    np.testing.assert_allclose(graph.ends[0, 1] - graph.ends[0, 0], [0, 0.2, 0], atol=1e-15)
+    assert graph.among_grains().pairs.tolist() == []
+    assert graph.to_scipy().nnz == 0
+
+
+@pytest.mark.unit
+def test_an_octahedron_stands_on_the_floor_with_its_tip_and_reaches_through_the_upper_wall():
+    packing = place(polyhedra(SOLIDS["octahedron"][0]), [[5.0, 5, 1.25]], domain=Domain.box((10, 10, 2)))
+    graph = contacts(packing, within=0.5, walls=True)
+    assert graph.pairs.tolist() == [[-6, 0], [-5, 0]]
+    np.testing.assert_allclose(graph.gaps, [-0.25, 0.25])
+    assert graph.kinds() == ["vertex-face", "vertex-face"]
+    np.testing.assert_allclose(graph.points, [[5, 5, 2.125], [5, 5, 0.125]], atol=1e-14)
+
+
+@pytest.mark.unit
+def test_periodic_axes_have_no_walls():
+    packing = cube_packing([[1.0, 1, 1]], domain=Domain.box((5.0, 5, 5), periodic=(False, True, True)))
+    assert contacts(packing, within=0.3, walls=True).pairs.tolist() == [[-1, 0]]
+    everywhere = cube_packing([[1.0, 1, 1]], domain=Domain.cube(5.0, periodic=True))
+    assert len(contacts(everywhere, within=0.3, walls=True)) == 0
+
+
+@pytest.mark.unit
+def test_contacts_know_their_kind_their_ends_and_their_image():
+    domain = Domain.cube(8.0, periodic=True)
+    graph = contacts(cube_packing([[0.5, 4, 4], [6.25, 4, 4]], domain=domain), within=0.5)
+    assert graph.kinds() == ["face-face"]
+    assert graph.shifts.tolist() == [[-1, 0, 0]]
+    np.testing.assert_allclose(graph.ends[0, :, 0], [-0.5, -0.75], atol=1e-14)
+    assert graph.select([0]).kinds() == ["face-face"]

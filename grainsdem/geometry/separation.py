@@ -64,6 +64,10 @@ class Gaps(NamedTuple):
     areas: Floats
     features: NDArray[np.int8]
 
+    def take(self, rows: NDArray[Any]) -> Gaps:
+        """Return the chosen rows, given by index or mask."""
+        return self._replace(**{name: getattr(self, name)[rows] for name in self._fields})
+
 
 def offsets_between(packing: Packing, pairs: NDArray[np.int32], shifts: NDArray[np.integer] | None = None) -> Floats:
     """Return the vector [m] from the first grain's position to the second's image, shape (m, 3)."""

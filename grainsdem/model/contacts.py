@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,6 +19,10 @@ if TYPE_CHECKING:
     Ints = NDArray[np.int32]
 
 
+FEATURES = ("vertex", "edge", "face")
+"""Names of what a grain touches with, by dimension."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ContactGraph(Noun):
     """Pairs of grains that are near each other.
@@ -28,7 +32,8 @@ class ContactGraph(Noun):
     n_grains : int
         Number of grains of the packing, those without contact included.
     pairs : array_like of int32, shape (m, 2)
-        Grain ids, i < j, sorted; a pair may stand more than once where images of a periodic domain meet.
+        Grain ids, i < j, sorted; a pair may stand more than once where images of a periodic domain meet. A negative
+        id is a wall of the domain (see `Domain`).
     gaps : array_like, shape (m,)
         Signed gap [m]; negative is the depth of an overlap.
     normals : array_like, shape (m, 3)
@@ -37,6 +42,12 @@ class ContactGraph(Noun):
         A point [m] of the contact, midway between the grains.
     areas : array_like, shape (m,)
         Area [m²] of the facing polygons; zero where the contact is a point or an edge.
+    features : array_like of int8, shape (m, 2), optional
+        What i and j touch with: 0 a vertex, 1 an edge, 2 a face, -1 unknown.
+    ends : array_like, shape (m, 2, 3), optional
+        Closest points [m] of i and j; both ``points`` where they are not known.
+    shifts : array_like of int32, shape (m, 3), optional
+        Periodic image of j, in whole domain lengths.
     """
 
     n_grains: int
@@ -45,35 +56,75 @@ class ContactGraph(Noun):
     normals: Floats
     points: Floats
     areas: Floats
+    features: NDArray[np.int8] = None  # type: ignore[assignment]  # filled below, where the number of pairs is known
+    ends: Floats = None  # type: ignore[assignment]
+    shifts: Ints = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         pairs = self.freeze("pairs", np.int32, None, 2)
         m = len(pairs)
         self.freeze("gaps", np.float64, m)
         self.freeze("normals", np.float64, m, 3)
-        self.freeze("points", np.float64, m, 3)
+        points = self.freeze("points", np.float64, m, 3)
         self.freeze("areas", np.float64, m)
-        if m and not (np.all(pairs[:, 0] <= pairs[:, 1]) and pairs.min() >= 0 and pairs.max() < self.n_grains):
-            raise ShapeError(f"pairs must be i <= j within 0 … {self.n_grains - 1}")
+        defaults = {
+            "features": np.full((m, 2), -1, dtype=np.int8),
+            "ends": np.repeat(points[:, None], 2, axis=1),
+            "shifts": np.zeros((m, 3), dtype=np.int32),
+        }
+        for name, default in defaults.items():
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, default)
+        self.freeze("features", np.int8, m, 2)
+        self.freeze("ends", np.float64, m, 2, 3)
+        self.freeze("shifts", np.int32, m, 3)
+        i, j = pairs.T
+        if m and not (np.all(i <= j) and i.min() >= -6 and j.min() >= 0 and j.max() < self.n_grains):
+            raise ShapeError(f"pairs must be i <= j within 0 … {self.n_grains - 1}, or i a wall from -1 to -6")
 
     def __len__(self) -> int:
         return len(self.pairs)
 
+    @property
+    def is_wall(self) -> NDArray[np.bool_]:
+        """Which contacts are with a wall, shape (m,)."""
+        return self.pairs[:, 0] < 0
+
     def coordination(self) -> NDArray[np.int64]:
-        """Return the number of contacts of each grain, shape (n_grains,)."""
-        return np.bincount(self.pairs.ravel(), minlength=self.n_grains)
+        """Return the number of contacts of each grain, shape (n_grains,); those with walls count."""
+        ids = self.pairs.ravel()
+        return np.bincount(ids[ids >= 0], minlength=self.n_grains)
+
+    def kinds(self) -> list[str]:
+        """Return the kind of each contact, the lower feature first: ``vertex-face``, ``edge-edge`` and so on."""
+        return ["-".join(FEATURES[k] for k in sorted(row)) if min(row) >= 0 else "" for row in self.features.tolist()]
+
+    def among_grains(self) -> ContactGraph:
+        """Return the graph without the contacts with walls."""
+        return self if not self.is_wall.any() else self.select(~self.is_wall)
+
+    def select(self, rows: NDArray[Any]) -> ContactGraph:
+        """Return the graph of the chosen contacts, given by index or mask."""
+        arrays = {f.name: getattr(self, f.name)[rows] for f in fields(self) if f.name != "n_grains"}
+        return ContactGraph(self.n_grains, **arrays)
 
     def to_scipy(self) -> csr_array[Any, Any]:
-        """Return the symmetric adjacency matrix, shape (n_grains, n_grains): how often each pair is in contact."""
+        """Return the symmetric adjacency matrix, shape (n_grains, n_grains): how often each pair is in contact.
+
+        Contacts with walls are left out.
+        """
         from scipy.sparse import coo_array  # noqa: PLC0415  (scipy.sparse costs a tenth of a second)
 
-        i, j = self.pairs.T.astype(np.int64)
-        ones = np.ones(2 * len(self), dtype=np.int64)
+        i, j = self.pairs[~self.is_wall].T.astype(np.int64)
+        ones = np.ones(2 * i.size, dtype=np.int64)
         shape = (self.n_grains, self.n_grains)
         return coo_array((ones, (np.append(i, j), np.append(j, i))), shape=shape).tocsr()
 
     def to_networkx(self) -> nx.MultiGraph:
-        """Return an undirected `networkx.MultiGraph` of all grains; edges carry gap, normal, point and area in SI.
+        """Return an undirected `networkx.MultiGraph` of all grains.
+
+        Edges carry gap, normal, point and area in SI, and the kind of contact. Walls that are touched are nodes of
+        their negative ids.
 
         Raises
         ------
@@ -92,7 +143,10 @@ class ContactGraph(Noun):
             self.normals.tolist(),
             self.points.tolist(),
             self.areas.tolist(),
+            self.kinds(),
             strict=True,
         )
-        graph.add_edges_from((i, j, {"gap": g, "normal": n, "point": p, "area": a}) for (i, j), g, n, p, a in rows)
+        graph.add_edges_from(
+            (i, j, {"gap": g, "normal": n, "point": p, "area": a, "kind": k}) for (i, j), g, n, p, a, k in rows
+        )
         return graph

@@ -11,19 +11,21 @@ from grainsdem.geometry.bounds import near_images
 from grainsdem.geometry.integrals import face_planes, volumes
 from grainsdem.geometry.rotations import to_matrices
 from grainsdem.geometry.separation import bodies, measure_gaps, offsets_between
+from grainsdem.geometry.walls import measure_wall_gaps
 from grainsdem.model import ContactGraph
 from grainsdem.ragged import owners
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from grainsdem.geometry.separation import Gaps
     from grainsdem.model import Packing
 
 NEAR = 1e-3
 """Default of ``within``, relative to the mean grain diameter: the overlap that soft contacts are allowed."""
 
 
-def contacts(packing: Packing, *, within: float | None = None) -> ContactGraph:
+def contacts(packing: Packing, *, within: float | None = None, walls: bool = False) -> ContactGraph:
     """Return every pair of grains no farther apart than ``within``, with the exact signed gap.
 
     Parameters
@@ -33,12 +35,15 @@ def contacts(packing: Packing, *, within: float | None = None) -> ContactGraph:
     within : float, optional
         Largest gap [m] of a contact; by default 1e-3 of the mean equal-volume diameter. Grains in place that were
         shrunk do not touch: see `neighbor_contacts`.
+    walls : bool
+        Whether the walls of the domain count as grains, with negative ids (see `Domain`).
 
     Returns
     -------
     ContactGraph
         Gap, normal, midpoint of the closest points (or the centre of the shared patch where faces or edges lie flat
-        on one another) and the area that facing polygons share. Points lie beside the first grain of each pair.
+        on one another), the area that facing polygons share, what touches with what, and the closest points. Points
+        lie beside the first grain of each pair, whose second may be a periodic image.
 
     Raises
     ------
@@ -50,16 +55,37 @@ def contacts(packing: Packing, *, within: float | None = None) -> ContactGraph:
     if not (np.isfinite(within) and within >= 0):
         raise InputError(f"within must be zero or more and finite; got {within}")
     pairs, shifts = near_images(packing, within)
-    measured = measure_gaps(bodies(packing), pairs, offsets_between(packing, pairs, shifts), within)
+    solids = bodies(packing)
+    measured = measure_gaps(solids, pairs, offsets_between(packing, pairs, shifts), within)
     kept = np.flatnonzero(measured.gaps <= within)
-    first = pairs[kept, 0]
+    found = _graph(packing, pairs[kept], shifts[kept], pairs[kept, 0], measured.take(kept))
+    if not walls:
+        return found
+    pairs, measured = measure_wall_gaps(solids, packing.positions, packing.domain, within)
+    nowhere = np.zeros((len(pairs), 3), dtype=np.int32)
+    touched = _graph(packing, pairs, nowhere, pairs[:, 1], measured)
+    arrays = {
+        name: np.concatenate([getattr(touched, name), getattr(found, name)])
+        for name in ("pairs", "gaps", "normals", "points", "areas", "features", "ends", "shifts")
+    }
+    return ContactGraph(len(packing), **arrays)
+
+
+def _graph(
+    packing: Packing, pairs: NDArray[np.int32], shifts: NDArray[np.int32], beside: NDArray[np.int32], measured: Gaps
+) -> ContactGraph:
+    """Return a graph of what was measured relative to the grains ``beside``."""
+    origins = packing.positions[beside]
     return ContactGraph(
         len(packing),
-        pairs[kept],
-        measured.gaps[kept],
-        measured.normals[kept],
-        packing.positions[first] + measured.centres[kept],
-        measured.areas[kept],
+        pairs,
+        measured.gaps,
+        measured.normals,
+        origins + measured.centres,
+        measured.areas,
+        measured.features,
+        np.stack([origins + measured.firsts, origins + measured.seconds], axis=1),
+        shifts,
     )
 
 
@@ -109,7 +135,9 @@ def neighbor_contacts(packing: Packing) -> ContactGraph:
     centres = packing.positions[i[faces]] + n * (heights + 0.5 * gaps)[:, None]
     order = np.lexsort((faces, j[faces], i[faces]))
     areas = 0.5 * (planes.areas[faces] + planes.areas[back])
-    return ContactGraph(len(packing), pairs[order], gaps[order], n[order], centres[order], areas[order])
+    features = np.full((len(pairs), 2), 2, dtype=np.int8)
+    graph = ContactGraph(len(packing), pairs, gaps, n, centres, areas, features, shifts=links.shifts[faces])
+    return graph.select(order)
 
 
 def _facing(i: NDArray[np.int64], j: NDArray[np.int64], shifts: NDArray[np.int64], n: int) -> NDArray[np.int64]:

@@ -1,0 +1,135 @@
+"""The contact graph as a file: a table of edges, GraphML, or lines for ParaView."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+from typing import TYPE_CHECKING
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from grainsdem.atomic import replacing
+from grainsdem.errors import FileFormatError, ShapeError
+
+if TYPE_CHECKING:
+    import os
+
+    from grainsdem.model import ContactGraph, Packing
+
+COLUMNS = ("i", "j", "gap", "area", "nx", "ny", "nz", "x", "y", "z", "kind")
+
+
+def write_edges(graph: ContactGraph, path: str | os.PathLike[str], *, packing: Packing | None = None) -> Path:
+    """Write the contacts as a file, in SI, under the grains' own ids; walls have negative ones.
+
+    Parameters
+    ----------
+    graph : ContactGraph
+        Who touches whom.
+    path : str or path-like
+        ``.csv``: one row a contact. ``.graphml``: all grains as nodes, for networkx, Gephi and igraph. ``.vtp``: lines
+        between centroids, for ParaView.
+    packing : Packing, optional
+        Where the grains are; needed for ``.vtp``, and their positions are nodes' attributes in ``.graphml``.
+
+    Returns
+    -------
+    Path
+        What was written.
+
+    Raises
+    ------
+    FileFormatError
+        If the suffix is another.
+    ShapeError
+        If the packing is missing where it is needed, or has another number of grains.
+    """
+    path = Path(path)
+    if path.suffix not in (".csv", ".graphml", ".vtp"):
+        raise FileFormatError(f"{path}: contacts are written as .csv, .graphml or .vtp; got {path.suffix!r}")
+    if packing is not None and len(packing) != graph.n_grains:
+        raise ShapeError(f"the packing must have the graph's {graph.n_grains} grains; got {len(packing)}")
+    if path.suffix == ".vtp":
+        if packing is None:
+            raise ShapeError("lines between grains need packing=: the graph does not know where the grains are")
+        text = _vtp(graph, packing)
+    else:
+        text = _csv(graph) if path.suffix == ".csv" else _graphml(graph, packing)
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    return path
+
+
+def _rows(graph: ContactGraph) -> list[tuple[object, ...]]:
+    """Return one tuple of `COLUMNS` a contact."""
+    numbers = np.column_stack([graph.gaps, graph.areas, graph.normals, graph.points]).tolist()
+    return [(*pair, *row, kind) for pair, row, kind in zip(graph.pairs.tolist(), numbers, graph.kinds(), strict=True)]
+
+
+def _csv(graph: ContactGraph) -> str:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    writer.writerows(_rows(graph))
+    return text.getvalue()
+
+
+def _graphml(graph: ContactGraph, packing: Packing | None) -> str:
+    lines = [
+        '<?xml version="1.0" encoding="utf-8"?>',
+        '<graphml xmlns="http://graphml.graphdrawing.org/xmlns">',
+        *(
+            f'<key id="{name}" for="edge" attr.name="{name}" attr.type="{"string" if name == "kind" else "double"}"/>'
+            for name in COLUMNS[2:]
+        ),
+        *(f'<key id="p{axis}" for="node" attr.name="{axis}" attr.type="double"/>' for axis in "xyz"),
+        '<graph edgedefault="undirected">',
+    ]
+    walls = np.unique(graph.pairs[graph.is_wall, 0]).tolist()
+    places = np.empty((graph.n_grains, 0)) if packing is None else packing.positions
+    for grain, place in enumerate(places.tolist()):
+        data = "".join(f'<data key="p{a}">{v!r}</data>' for a, v in zip("xyz", place, strict=False))
+        lines.append(f'<node id="{grain}">{data}</node>')
+    lines += [f'<node id="{wall}"/>' for wall in walls]
+    for i, j, *values in _rows(graph):
+        data = "".join(f'<data key="{n}">{v}</data>' for n, v in zip(COLUMNS[2:], values, strict=True))
+        lines.append(f"<edge source={quoteattr(str(i))} target={quoteattr(str(j))}>{data}</edge>")
+    return "\n".join([*lines, "</graph>", "</graphml>", ""])
+
+
+def _vtp(graph: ContactGraph, packing: Packing) -> str:
+    """Return lines from centroid to centroid, by way of the contact; from the wall's foot where one end is a wall."""
+    i, j = graph.pairs.T
+    there = packing.positions[j] + graph.shifts * packing.domain.lengths
+    here = np.where(graph.is_wall[:, None], graph.ends[:, 0], packing.positions[np.maximum(i, 0)])
+    points = np.stack([here, graph.points, there], axis=1).reshape(-1, 3)
+    m = len(graph)
+
+    def array(name: str, kind: str, values: np.ndarray, width: int = 1) -> str:
+        body = " ".join(map(repr, np.ravel(values).tolist()))
+        return f'<DataArray type="{kind}" Name="{name}" NumberOfComponents="{width}" format="ascii">{body}</DataArray>'
+
+    return "\n".join(
+        [
+            '<?xml version="1.0"?>',
+            '<VTKFile type="PolyData" version="1.0" byte_order="LittleEndian" header_type="UInt64"><PolyData>',
+            f'<Piece NumberOfPoints="{3 * m}" NumberOfLines="{m}" NumberOfVerts="0" NumberOfStrips="0"'
+            ' NumberOfPolys="0">',
+            f"<Points>{array('Points', 'Float64', points, 3)}</Points>",
+            "<Lines>",
+            array("connectivity", "Int64", np.arange(3 * m)),
+            array("offsets", "Int64", 3 * np.arange(1, m + 1)),
+            "</Lines>",
+            "<CellData>",
+            array("i", "Int64", i),
+            array("j", "Int64", j),
+            array("gap", "Float64", graph.gaps),
+            array("area", "Float64", graph.areas),
+            array("normal", "Float64", graph.normals, 3),
+            "</CellData>",
+            "</Piece></PolyData></VTKFile>",
+            "",
+        ]
+    )

@@ -1,0 +1,88 @@
+"""Fabric: how contacts are oriented.
+
+References
+----------
+.. [1] M. Satake, "Fabric tensor in granular materials", IUTAM Symposium on Deformation and Failure of Granular
+   Materials (1982) 63-68.
+.. [2] E. Azéma, F. Radjai, G. Saussine, "Quasistatic rheology, force transmission and fabric properties of a packing
+   of irregular polyhedral particles", Mechanics of Materials 41 (2009) 729-741.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from grainsdem.errors import InputError, ShapeError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from grainsdem.model import ContactGraph, Packing
+
+    Floats = NDArray[np.float64]
+
+
+def fabric_tensor(directions: ArrayLike, *, weights: ArrayLike | None = None) -> Floats:
+    """Return the mean of n ⊗ n over unit vectors: symmetric, of trace one, 1/3 of the identity where isotropic.
+
+    Parameters
+    ----------
+    directions : array_like, shape (m, 3)
+        Contact normals (``graph.normals``) or branch vectors; brought to unit length here.
+    weights : array_like, shape (m,), optional
+        Weight of each, such as its area; equal by default.
+
+    Returns
+    -------
+    ndarray, shape (3, 3)
+        The tensor; NaN without any direction.
+
+    Raises
+    ------
+    ShapeError
+        If the directions are not of shape (m, 3).
+    InputError
+        If a direction has no length.
+    """
+    vectors = np.asarray(directions, dtype=np.float64)
+    if vectors.ndim != 2 or vectors.shape[1] != 3:
+        raise ShapeError(f"directions must have shape (m, 3); got {vectors.shape}")
+    if not len(vectors):
+        return np.full((3, 3), np.nan)
+    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+    if not (lengths > 0).all():
+        raise InputError(f"directions must have a length; {int((~(lengths > 0)).sum())} have none")
+    unit = vectors / lengths
+    share = np.full(len(unit), 1.0) if weights is None else np.asarray(weights, dtype=np.float64)
+    return np.asarray(np.einsum("m,mi,mj->ij", share / share.sum(), unit, unit))
+
+
+def anisotropy(tensor: Floats) -> float:
+    """Return the amplitude of a fabric tensor's deviator: zero where directions are isotropic.
+
+    Notes
+    -----
+    a = 5/2 √(3/2 D : D) with D the deviator. Where directions spread about one axis as
+    (1 + a (3 cos² θ − 1)) / 4π, this is their a, and 5/2 (F₁ − F₃) (Azéma, Radjai and Saussine 2009).
+    """
+    deviator = np.asarray(tensor) - np.trace(tensor) / 3 * np.eye(3)
+    return float(2.5 * np.sqrt(1.5 * np.sum(deviator * deviator)))
+
+
+def branch_vectors(graph: ContactGraph, packing: Packing) -> Floats:
+    """Return the vector [m] from the centroid of i to that of j's image, one a contact of two grains, shape (m, 3).
+
+    Contacts with walls are left out. The lengths of these are the contact lengths of the literature.
+
+    Raises
+    ------
+    ShapeError
+        If the graph is of another number of grains than the packing.
+    """
+    if graph.n_grains != len(packing):
+        raise ShapeError(f"the contacts must be those of the packing's {len(packing)} grains; got {graph.n_grains}")
+    inner = graph.among_grains()
+    i, j = inner.pairs.T
+    return np.asarray(packing.positions[j] - packing.positions[i] + inner.shifts * packing.domain.lengths)
