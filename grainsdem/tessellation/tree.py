@@ -74,7 +74,7 @@ def _select(order, points, axis, first, last, middle):  # type: ignore[no-untype
 
 
 @njit(cache=True)
-def _split(points, weights, order, boxes, level, k, depth):
+def _split(points, weights, order, boxes, level, k, depth):  # type: ignore[no-untyped-def]
     """Measure node ``k`` of a level, and part its seeds along its longest axis unless it is a leaf."""
     n = len(points)
     first, last = (k * n) >> level, ((k + 1) * n) >> level
@@ -98,7 +98,7 @@ def _split(points, weights, order, boxes, level, k, depth):
 
 
 @njit(cache=True, parallel=True)
-def _build(points, weights, order, boxes, depth):
+def _build(points, weights, order, boxes, depth):  # type: ignore[no-untyped-def]
     top = min(depth, SERIAL_LEVELS)
     for level in range(top):
         for k in range(1 << level):
