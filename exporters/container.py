@@ -6,10 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from grainsdem.geometry.rotations import from_matrices
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from grainsdem.model import Packing
+    from grainsdem.model import Domain, Packing
 
 GRAIN_COLOURS = {
     "quartz": (0.87, 0.80, 0.66),
@@ -39,3 +41,19 @@ def container_box(packing: Packing, vertices: NDArray[np.float64]) -> tuple[NDAr
     lower = np.where(domain.periodic, np.minimum(domain.lower, vertices.min(axis=0)), domain.lower)
     upper = np.where(domain.periodic, np.maximum(domain.upper, vertices.max(axis=0)), domain.upper)
     return lower, upper
+
+
+def plane_frames(domain: Domain) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return a point [m] on each of the domain's planes, shape (k, 3), and rotations that turn z inward, shape (k, 4).
+
+    The point is that nearest to the middle of the box; the x axis of each frame is level.
+    """
+    normals, distances = domain.planes[:, :3], domain.planes[:, 3]
+    middle = (domain.lower + domain.upper) / 2
+    points = middle + (distances - normals @ middle)[:, None] * normals
+    level = np.cross([0.0, 0.0, 1.0], -normals)
+    # A plane that is level itself has no level direction of its own.
+    level = np.where(np.linalg.norm(level, axis=1, keepdims=True) > 1e-9, level, [1.0, 0.0, 0.0])
+    level /= np.linalg.norm(level, axis=1, keepdims=True)
+    axes = np.stack([level, np.cross(-normals, level), -normals], axis=2)
+    return points, from_matrices(axes)

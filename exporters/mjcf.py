@@ -15,7 +15,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from exporters.check import check_choice, check_name, check_positive, grain_names, measured, refuse
-from exporters.container import GRAIN_COLOURS, container_box, shades
+from exporters.container import GRAIN_COLOURS, container_box, plane_frames, shades
 from exporters.text import rows_of_text, table_of_text
 from exporters.units import GrainUnits, units, units_of
 from grainsdem.geometry.principal import principal_inertia
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from grainsdem.geometry.integrals import Integrals
-    from grainsdem.model import Packing
+    from grainsdem.model import Domain, Packing
 
     Floats = NDArray[np.float64]
 
@@ -212,7 +212,7 @@ def text(packing: Packing, options: MjcfOptions | None = None, *, name: str = "b
         name=quoteattr(name),
         materials="\n".join([_MATERIAL % (name, *rgb) for name, rgb in GRAIN_COLOURS.items()]),
         meshes=_meshes(packing, scales),
-        container=_container(lower, drawn, options, is_planar=packing.domain.is_planar),
+        container=_container(lower, drawn, options, packing.domain.scaled(1 / scales.length)),
         bodies=_bodies(packing, integrals, scales),
     )
 
@@ -273,7 +273,7 @@ def _picture(lower: Floats, upper: Floats, floor: Floats) -> dict[str, str]:
     return {**dict(zip(keys, texts, strict=True)), "extent": f"{extent:.9g}"}
 
 
-def _container(lower: Floats, upper: Floats, options: MjcfOptions, *, is_planar: bool) -> str:
+def _container(lower: Floats, upper: Floats, options: MjcfOptions, domain: Domain) -> str:
     """Return the static body of the floor and the walls; planes have no thickness that a grain could pass."""
     centre, half = (lower + upper) / 2, (upper - lower) / 2
     # Quaternions that turn a plane's z axis inward, with its x axis along the second size.
@@ -285,7 +285,7 @@ def _container(lower: Floats, upper: Floats, options: MjcfOptions, *, is_planar:
         ("wall_y0", 1, 0, (s, -s, 0.0, 0.0), (0, 2)),
         ("wall_y1", 1, 1, (s, s, 0.0, 0.0), (0, 2)),
     ]
-    if is_planar:  # the floor is the lower y wall, and nothing moves along z
+    if domain.is_planar:  # the floor is the lower y wall, and nothing moves along z
         walls = [walls[3], walls[1], walls[2]]
     chosen = {"box": walls, "floor": walls[:1], "none": []}[options.walls]
     lines = []
@@ -295,6 +295,11 @@ def _container(lower: Floats, upper: Floats, options: MjcfOptions, *, is_planar:
         numbers = [*place.round(9), *quaternion, half[a], half[b], 1.0]
         at, turn, size = rows_of_text(np.array(numbers), [3, 4, 3])
         lines.append(_WALL % (name, at, turn, size, "floor" if name == "floor" else "wall"))
+    if options.walls == "box":
+        for k, (point, rotation) in enumerate(zip(*plane_frames(domain), strict=True)):
+            # Drawn a quarter of the box wide: contacts see planes without end.
+            numbers = [*point.round(9), *rotation, half.max() / 4, half[2], 1.0]
+            lines.append(_WALL % (f"wall_p{k}", *rows_of_text(np.array(numbers), [3, 4, 3]), "wall"))
     return "\n".join(['    <body name="container">', *lines, "    </body>"]) if lines else ""
 
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from exporters.check import check_choice, check_name, check_positive, grain_names, measured
-from exporters.container import GRAIN_COLOURS, container_box, shades
+from exporters.container import GRAIN_COLOURS, container_box, plane_frames, shades
 from exporters.units import units_of
 from grainsdem.errors import WriteError, name_offenders
 from grainsdem.geometry.integrals import face_planes
@@ -188,8 +188,6 @@ def _bind(prim: Any, material: str) -> None:
 
 def _container(world: Any, packing: Packing, options: UsdOptions, length: float) -> None:
     """Add floor and walls as static boxes around the domain: not every program knows planes."""
-    from pxr import Gf, Vt
-
     lower, upper = container_box(packing, world_vertices(packing))
     thick = _WALL_THICKNESS * length
     axis_of = {"x": 0, "y": 1, "z": 2}
@@ -206,20 +204,38 @@ def _container(world: Any, packing: Packing, options: UsdOptions, length: float)
         is_floor = name == names[0]
         if not is_floor and not packing.domain.is_planar:
             size[2] = upper[2] - lower[2]
-        schemas = ("PhysicsCollisionAPI", "NewtonCollisionAPI", "MaterialBindingAPI")
-        prim = _prim(group, "floor" if is_floor else f"wall_{name}", "Cube", schemas)
-        half = Gf.Vec3f(0.5)
-        _set(prim, {
-            "size": ("Double", 1.0),
-            "extent": ("Float3Array", Vt.Vec3fArray([-half, half])),
-            "xformOp:translate": ("Double3", Gf.Vec3d(*centre.tolist())),
-            "xformOp:scale": ("Float3", Gf.Vec3f(*size.tolist())),
-            "xformOpOrder": ("TokenArray", Vt.TokenArray(["xformOp:translate", "xformOp:scale"])),
-            "newton:contactGap": ("Float", options.contact_gap * length),
-            "primvars:displayColor": ("Color3fArray", Vt.Vec3fArray([Gf.Vec3f(0.72, 0.75, 0.77)])),
-            "primvars:displayOpacity": ("FloatArray", Vt.FloatArray([1.0 if is_floor else 0.12])),
-        })  # fmt: skip
-        _bind(prim, "Wall")
+        wall = "floor" if is_floor else f"wall_{name}"
+        _wall(group, wall, (centre, size, (1.0, 0.0, 0.0, 0.0)), options.contact_gap * length, 0.12)
+    if options.walls == "box":
+        reach = float(np.linalg.norm(upper - lower)) + 2 * thick
+        for k, (point, rotation) in enumerate(zip(*plane_frames(packing.domain), strict=True)):
+            outward = packing.domain.planes[k, :3]
+            size = np.array([reach, reach, thick])
+            _wall(
+                group, f"wall_p{k}", (point + outward * thick / 2, size, rotation), options.contact_gap * length, 0.02
+            )
+
+
+def _wall(group: Any, name: str, box: tuple[Any, Any, Any], gap: float, opacity: float) -> None:
+    """Add one static box of the container: its centre [m], size [m] and rotation."""
+    from pxr import Gf, Vt
+
+    prim = _prim(group, name, "Cube", ("PhysicsCollisionAPI", "NewtonCollisionAPI", "MaterialBindingAPI"))
+    half = Gf.Vec3f(0.5)
+    centre, size, rotation = box
+    w, *xyz = (float(q) for q in rotation)
+    _set(prim, {
+        "size": ("Double", 1.0),
+        "extent": ("Float3Array", Vt.Vec3fArray([-half, half])),
+        "xformOp:translate": ("Double3", Gf.Vec3d(*centre.tolist())),
+        "xformOp:orient": ("Quatd", Gf.Quatd(w, *xyz)),
+        "xformOp:scale": ("Float3", Gf.Vec3f(*size.tolist())),
+        "xformOpOrder": ("TokenArray", Vt.TokenArray(["xformOp:translate", "xformOp:orient", "xformOp:scale"])),
+        "newton:contactGap": ("Float", gap),
+        "primvars:displayColor": ("Color3fArray", Vt.Vec3fArray([Gf.Vec3f(0.72, 0.75, 0.77)])),
+        "primvars:displayOpacity": ("FloatArray", Vt.FloatArray([1.0 if name == "floor" else opacity])),
+    })  # fmt: skip
+    _bind(prim, "Wall")
 
 
 def _grains(world: Any, packing: Packing, integrals: Integrals, gap: float, thickness: float) -> None:

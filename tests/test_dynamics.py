@@ -18,6 +18,7 @@ from grainsdem.errors import InputError, UnstableError
 from grainsdem.geometry.rotations import to_matrices, world_vertices
 from grainsdem.measures import diameters
 from grainsdem.model import Domain
+from grainsdem.packing import shuffle
 from grainsdem.storage import load_history
 from grainsdem.validation import validate
 
@@ -214,6 +215,28 @@ def test_a_much_too_large_time_step_is_not_believed(poured):
     with pytest.raises(UnstableError, match="energy rose") as caught:
         settle(poured, time_step=1.0, max_time=40.0)
     assert np.isfinite(caught.value.last_good.positions).all()
+
+
+@pytest.mark.client
+def test_grains_poured_into_a_cylinder_stay_in_it(fresh):
+    lifted = shuffle(replace(fresh, domain=Domain.cylinder(2.2e-3, 7e-3, sides=16)), rng=1)
+    result = settle(lifted)
+    d = diameters(fresh.grains).mean()
+    assert result.report.at_rest
+    assert result.report.floor_force == pytest.approx(1.0, abs=0.01)
+    for plane in lifted.domain.planes:
+        assert (world_vertices(result.packing) @ plane[:3] < plane[3] + 1e-3 * d).all()
+
+
+@pytest.mark.client
+def test_a_hopper_without_an_outlet_is_filled_from_its_bottom(fresh):
+    funnel = Domain.hopper((6e-3, 6e-3), (1.5e-3, 1.5e-3), 5e-3)
+    result = settle(shuffle(replace(fresh, domain=funnel), rng=1))
+    d = diameters(fresh.grains).mean()
+    assert result.report.at_rest
+    for plane in funnel.planes:
+        assert (world_vertices(result.packing) @ plane[:3] < plane[3] + 1e-3 * d).all()
+    assert world_vertices(result.packing)[:, 2].min() < 0.5 * d
 
 
 def test_gained_energy_is_trouble_but_not_what_an_impact_gives_back(cube):

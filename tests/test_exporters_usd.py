@@ -16,6 +16,7 @@ from exporters.usd import UsdOptions
 from grainsdem.errors import InputError
 from grainsdem.geometry.integrals import face_planes, integrate
 from grainsdem.geometry.rotations import random_quaternions, to_matrices, world_vertices
+from grainsdem.model import Domain
 from grainsdem.packing import rescale
 
 DIAMETERS = [0.2e-3, 1e-3, 0.1]
@@ -221,3 +222,21 @@ def test_options_out_of_range_are_refused(option):
         UsdOptions(**{option: -1.0})
     with pytest.raises(InputError, match="walls must be one of box, floor, none; got 'lid'"):
         UsdOptions(walls="lid")
+
+
+@pytest.mark.client
+def test_walls_of_a_cylinder_are_boxes_that_touch_its_planes_from_outside(fresh, tmp_path):
+    from pxr import Gf, UsdGeom
+
+    domain = Domain.cylinder(5e-3, 7e-3, sides=16)
+    exporters.write(replace(fresh, domain=domain), tmp_path / "bed.usda")
+    cache = UsdGeom.XformCache()
+    stage = opened(tmp_path / "bed.usda")
+    walls = {prim.GetName(): prim for prim in stage.GetPrimAtPath("/World/Container").GetChildren()}
+    assert len(walls) == 5 + 12
+    for k, plane in enumerate(domain.planes):
+        matrix = cache.GetLocalToWorldTransform(walls[f"wall_p{k}"])
+        corners = [matrix.Transform(Gf.Vec3d(x, y, z)) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]
+        heights = np.array(corners) @ plane[:3] - plane[3]
+        assert heights.min() == pytest.approx(0.0, abs=1e-9)
+        assert np.sort(heights)[3] == pytest.approx(0.0, abs=1e-9)

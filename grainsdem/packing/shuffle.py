@@ -79,12 +79,14 @@ def shuffle(packing: Packing, *, rng: np.random.Generator | int | None = None, c
 def _lattice(n: int, columns: NDArray[np.int64], domain: Domain, pitch: float) -> NDArray[np.float64]:
     """Return ``n`` places in the domain, layer by layer from the floor; its planes reach upward past its lid."""
     per_layer = int(columns.prod())
-    spacing = np.append(domain.lengths[:2] / columns, pitch)
+    # Spread evenly between four walls; close together where planes cut the corners off.
+    spacing = np.append(np.full(2, pitch) if len(domain.planes) else domain.lengths[:2] / columns, pitch)
+    margin = np.append((domain.lengths[:2] - columns * spacing[:2]) / 2, 0.0)
     n_layers = -(-n // per_layer)
     for _ in range(_DOUBLINGS):
         index = np.arange(n_layers * per_layer)
         ijk = np.stack([index % columns[0], index // columns[0] % columns[1], index // per_layer], axis=1)
-        places = domain.lower + (ijk + 0.5) * spacing
+        places = domain.lower + margin + (ijk + 0.5) * spacing
         is_inside = np.ones(len(places), dtype=bool)
         for plane in domain.planes:
             is_inside &= places @ plane[:3] <= plane[3] - 0.5 * pitch
