@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from conftest import cube_packing
 
+from grainsdem.errors import GrainsDEMError
 from grainsdem.geometry.separation import bodies, offsets_between
 from grainsdem.validation import intersections
 from grainsdem.validation.intersections import intersection_volumes
@@ -48,10 +49,11 @@ def test_the_unit_of_length_changes_nothing():
 def test_a_mesh_that_manifold3d_does_not_accept_has_no_volume_to_share():
     _, solids, pairs, offsets = arguments(rods(3))
     block = intersections.Block(
+        np.arange(3),
         solids.vertices, solids.vertex_offsets, np.array([[0, 2, 1]] * 3, np.uint64), np.array([0, 1, 2, 3]),
         pairs.astype(np.int64), offsets,
     )  # fmt: skip
-    assert np.isnan(intersections.run(block)).all()
+    assert np.isnan(intersections.run(block, {})).all()
 
 
 @pytest.mark.client
@@ -84,3 +86,11 @@ def test_processes_start_from_a_script_without_a_main_guard(tmp_path):
     )
     done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=True)
     assert float(done.stdout) == pytest.approx(1, rel=1e-12)
+
+
+@pytest.mark.client
+def test_a_process_that_dies_is_an_error_and_no_endless_wait(monkeypatch):
+    monkeypatch.setattr(intersections, "BLOCK", 2)
+    monkeypatch.setattr(intersections.sys, "executable", "/bin/false")
+    with pytest.raises(GrainsDEMError, match="ended before its work was done"):
+        intersection_volumes(*arguments(rods()), processes=2)

@@ -106,6 +106,7 @@ def _vtp(graph: ContactGraph, packing: Packing) -> str:
     here = np.where(graph.is_wall[:, None], graph.ends[:, 0], packing.positions[np.maximum(i, 0)])
     points = np.stack([here, graph.points, there], axis=1).reshape(-1, 3)
     m = len(graph)
+    others = 'NumberOfVerts="0" NumberOfStrips="0" NumberOfPolys="0"'
 
     def array(name: str, kind: str, values: np.ndarray, width: int = 1) -> str:
         body = " ".join(map(repr, np.ravel(values).tolist()))
@@ -115,8 +116,7 @@ def _vtp(graph: ContactGraph, packing: Packing) -> str:
         [
             '<?xml version="1.0"?>',
             '<VTKFile type="PolyData" version="1.0" byte_order="LittleEndian" header_type="UInt64"><PolyData>',
-            f'<Piece NumberOfPoints="{3 * m}" NumberOfLines="{m}" NumberOfVerts="0" NumberOfStrips="0"'
-            ' NumberOfPolys="0">',
+            f'<Piece NumberOfPoints="{3 * m}" NumberOfLines="{m}" {others}>',
             f"<Points>{array('Points', 'Float64', points, 3)}</Points>",
             "<Lines>",
             array("connectivity", "Int64", np.arange(3 * m)),

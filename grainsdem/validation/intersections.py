@@ -10,14 +10,14 @@ import os
 import pickle
 import subprocess
 import sys
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
 from pathlib import Path
 from queue import Queue
-from typing import TYPE_CHECKING, BinaryIO, NamedTuple, Self, cast
+from threading import Thread
+from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple, Self, cast
 
 import numpy as np
 
+from grainsdem.errors import GrainsDEMError
 from grainsdem.geometry.triangles import triangles
 from grainsdem.ragged import take_indices
 
@@ -33,15 +33,19 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 BLOCK = 2000
-"""Pairs tested at a time: about half a second of work."""
+"""Pairs tested at a time: a fraction of a second of work."""
 
 FEW = 4 * BLOCK
 """Up to this many pairs, starting processes costs more than they save."""
+
+MOST_BUILT = 20_000
+"""Grains that a process keeps built, about 15 kB each: building one costs as much as testing two pairs."""
 
 
 class Block(NamedTuple):
     """Some pairs, with what is needed to build their grains: pickled, sent, worked through."""
 
+    ids: NDArray[np.int64]
     vertices: Floats
     vertex_offsets: NDArray[np.int64]
     corners: NDArray[np.uint64]
@@ -91,53 +95,63 @@ def intersection_volumes(
     if processes is None:
         processes = 1 if m <= FEW else len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 2
     mesh = triangles(grains)
-    done = 0
 
     def cut(part: NDArray[np.int64]) -> Block:
         return _block(solids, mesh, pairs[part], offsets[part], length)
 
-    with ExitStack() as stack:
-        results = (
-            map(run, map(cut, parts))
-            if processes <= 1
-            else stack.enter_context(_Pool(min(processes, len(parts)))).map(cut, parts)
-        )
-        for part, result in zip(parts, results, strict=True):
-            volumes[part] = result
-            done += len(part)
-            if progress is not None:
-                progress(done, m)
+    done = 0
+    for k, result in _work(cut, parts, processes):
+        volumes[parts[k]] = result
+        done += len(parts[k])
+        if progress is not None:
+            progress(done, m)
     return volumes * length**3
 
 
-def run(block: Block) -> Floats:
-    """Return the shared volume of each pair of a block, in its own units."""
+def _work(
+    cut: Callable[[NDArray[np.int64]], Block], parts: list[NDArray[np.int64]], processes: int
+) -> Iterator[tuple[int, Floats]]:
+    """Yield the number of each part and its volumes, as they come."""
+    if processes <= 1:
+        built: dict[int, Any] = {}
+        for k, part in enumerate(parts):
+            yield k, run(cut(part), built)
+        return
+    with _Pool(min(processes, len(parts))) as pool:
+        yield from pool.work(cut, parts)
+
+
+def run(block: Block, built: dict[int, Any]) -> Floats:
+    """Return the shared volume of each pair of a block, in its own units; grains are kept in ``built``."""
     import manifold3d
 
-    grains = []
-    for i in range(len(block.vertex_offsets) - 1):
-        vertices = block.vertices[block.vertex_offsets[i] : block.vertex_offsets[i + 1]]
-        corners = block.corners[block.corner_offsets[i] : block.corner_offsets[i + 1]]
-        solid = manifold3d.Manifold(manifold3d.Mesh64(vertices, corners))
-        grains.append(solid if solid.status() == manifold3d.Error.NoError else None)
+    for k, i in enumerate(block.ids.tolist()):
+        if i not in built:
+            vertices = block.vertices[block.vertex_offsets[k] : block.vertex_offsets[k + 1]]
+            corners = block.corners[block.corner_offsets[k] : block.corner_offsets[k + 1]]
+            solid = manifold3d.Manifold(manifold3d.Mesh64(vertices, corners))
+            built[i] = solid if solid.status() == manifold3d.Error.NoError else None
     result = np.full(len(block.pairs), np.nan)
     for row, ((i, j), offset) in enumerate(zip(block.pairs.tolist(), block.offsets.tolist(), strict=True)):
-        first, second = grains[i], grains[j]
+        first, second = built[i], built[j]
         if first is not None and second is not None:
             # Moved to the first grain's frame: manifold3d's tolerance grows with the distance from the origin.
             result[row] = (first ^ second.translate(offset)).volume()
+    for i in list(built)[: max(len(built) - MOST_BUILT, 0)]:
+        del built[i]
     return result
 
 
 def serve(stdin: BinaryIO | None = None, stdout: BinaryIO | None = None) -> None:
     """Work through blocks from standard input until it ends, answering each on standard output."""
     source, sink = stdin or sys.stdin.buffer, stdout or sys.stdout.buffer
+    built: dict[int, Any] = {}
     while True:
         try:
             block = pickle.load(source)  # noqa: S301  (from the parent process, which started this one)
         except EOFError:
             return
-        pickle.dump(run(block), sink, protocol=pickle.HIGHEST_PROTOCOL)
+        pickle.dump(run(block, built), sink, protocol=pickle.HIGHEST_PROTOCOL)
         sink.flush()
 
 
@@ -147,39 +161,54 @@ class _Pool:
     def __init__(self, n: int) -> None:
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path or str(Path.cwd()) for path in sys.path)}
         code = "from grainsdem.validation.intersections import serve; serve()"
-        self._idle: Queue[subprocess.Popen[bytes]] = Queue()
         self._workers = [
             subprocess.Popen(  # noqa: S603  (this very interpreter and a constant)
                 [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment
             )
             for _ in range(n)
         ]
-        for worker in self._workers:
-            self._idle.put(worker)
-        self._threads = ThreadPoolExecutor(n)
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._threads.shutdown(wait=False, cancel_futures=True)
         for worker in self._workers:
             worker.kill()
             worker.communicate()
 
-    def map(self, cut: Callable[[NDArray[np.int64]], Block], parts: list[NDArray[np.int64]]) -> Iterator[Floats]:
-        """Yield the results in the order of the parts."""
-        return self._threads.map(lambda part: self._ask(cut(part)), parts)
+    def work(
+        self, cut: Callable[[NDArray[np.int64]], Block], parts: list[NDArray[np.int64]]
+    ) -> Iterator[tuple[int, Floats]]:
+        """Yield the number of each part and its volumes, as they come."""
+        answers: Queue[tuple[int, Floats | Exception]] = Queue()
+        # Each worker has a run of neighbouring parts, so that it builds few grains that another builds too.
+        runs = np.array_split(np.arange(len(parts)), len(self._workers))
+        for worker, numbers in zip(self._workers, runs, strict=True):
+            Thread(target=_feed, args=(worker, cut, parts, numbers.tolist(), answers), daemon=True).start()
+        for _ in parts:
+            number, answer = answers.get()
+            if isinstance(answer, Exception):
+                raise GrainsDEMError("a process that measured overlaps ended before its work was done") from answer
+            yield number, answer
 
-    def _ask(self, block: Block) -> Floats:
-        worker = self._idle.get()
+
+def _feed(
+    worker: subprocess.Popen[bytes],
+    cut: Callable[[NDArray[np.int64]], Block],
+    parts: list[NDArray[np.int64]],
+    numbers: list[int],
+    answers: Queue[tuple[int, Floats | Exception]],
+) -> None:
+    """Send one worker its parts, one after another, and pass its answers on."""
+    source, sink = cast("tuple[BinaryIO, BinaryIO]", (worker.stdout, worker.stdin))
+    for number in numbers:
         try:
-            source, sink = cast("tuple[BinaryIO, BinaryIO]", (worker.stdout, worker.stdin))
-            pickle.dump(block, sink, protocol=pickle.HIGHEST_PROTOCOL)
+            pickle.dump(cut(parts[number]), sink, protocol=pickle.HIGHEST_PROTOCOL)
             sink.flush()
-            return np.asarray(pickle.load(source))  # noqa: S301  (from the child process started here)
-        finally:
-            self._idle.put(worker)
+            answers.put((number, np.asarray(pickle.load(source))))  # noqa: S301  (from the child started above)
+        except Exception as error:  # noqa: BLE001  (raised again by the thread that waits)
+            answers.put((number, error))
+            return
 
 
 def _by_place(solids: Bodies, pairs: NDArray[np.int32]) -> NDArray[np.int64]:
@@ -197,14 +226,15 @@ def _by_place(solids: Bodies, pairs: NDArray[np.int32]) -> NDArray[np.int64]:
 
 def _block(solids: Bodies, mesh: Triangles, pairs: NDArray[np.int32], offsets: Floats, length: float) -> Block:
     """Gather the grains of some pairs and number them afresh."""
-    ids, local = np.unique(pairs, return_inverse=True)
+    ids = np.unique(pairs).astype(np.int64)
     vertices, vertex_offsets = take_indices(solids.vertex_offsets, ids)
     corners, corner_offsets = take_indices(mesh.offsets, ids)
     return Block(
+        ids,
         solids.vertices[vertices] / length,
         vertex_offsets,
         mesh.indices[corners].astype(np.uint64),
         corner_offsets,
-        local.reshape(-1, 2),
+        pairs.astype(np.int64),
         offsets / length,
     )
