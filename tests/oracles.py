@@ -3,10 +3,12 @@
 import numpy as np
 
 
-def images(sites, domain):
+def images(sites, domain, at_wall=None):
     """Return the sites, their mirror images in every wall and their periodic copies, with what each is.
 
     Copies are (site, shift) and mirror images (wall id, no shift); mirrors of copies keep the copies' cells right.
+    ``at_wall``, {wall id: sites}, limits the mirrored sites to those whose cells touch that wall: a cell whose mirror
+    is missing is cut wrongly or is open, and never the cell that it should be.
     """
     points = [(np.asarray(sites, float), np.arange(len(sites)), np.zeros((len(sites), 3), int))]
     for axis in np.flatnonzero(domain.periodic):
@@ -16,32 +18,44 @@ def images(sites, domain):
     for axis in np.flatnonzero(~domain.periodic):
         base = list(points)
         for side, wall in enumerate((domain.lower[axis], domain.upper[axis])):
+            wall_id = -1 - 2 * axis - side
             for p, ids, shifts in base:
-                mirrored = p.copy()
+                kept = slice(None) if at_wall is None else np.isin(ids, at_wall[wall_id])
+                mirrored = p[kept].copy()
                 mirrored[:, axis] = 2 * wall - mirrored[:, axis]
-                points.append((mirrored, np.full(len(ids), -1 - 2 * axis - side), shifts * 0))
+                points.append((mirrored, np.full(len(mirrored), wall_id), shifts[kept] * 0))
     return tuple(np.concatenate(column) for column in zip(*points, strict=True))
 
 
-def voronoi_faces(sites, domain):
+def voronoi_faces(sites, domain, at_wall=None):
     """Return {(cell, neighbour, shift): polygon area} and the cells' volumes, by `scipy.spatial.Voronoi` (Qhull)."""
     from scipy.spatial import Voronoi
 
-    points, ids, shifts = images(sites, domain)
+    points, ids, shifts = images(sites, domain, at_wall)
     n = len(sites)
     diagram = Voronoi(points)
+    pairs = diagram.ridge_points
+    kept = np.flatnonzero(pairs.min(axis=1) < n)
+    ridges = [diagram.ridge_vertices[k] for k in kept]
+    counts = np.array([len(ridge) for ridge in ridges])
+    corners = np.concatenate(ridges)
+    assert corners.min() >= 0, "a cell is open"
+    starts = np.cumsum(counts) - counts
+    arms = diagram.vertices[corners] - np.repeat(diagram.vertices[corners[starts]], counts, axis=0)
+    # The last corner of a face crosses with the first, which is the origin: nothing.
+    following = np.arange(1, len(corners) + 1)
+    following[starts + counts - 1] = starts
+    area = 0.5 * np.linalg.norm(np.add.reduceat(np.cross(arms, arms[following]), starts), axis=1)
+    height = 0.5 * np.linalg.norm(points[pairs[kept, 0]] - points[pairs[kept, 1]], axis=1)
     areas, volumes = {}, np.zeros(n)
-    for (p, q), ridge in zip(diagram.ridge_points, diagram.ridge_vertices, strict=True):
-        if min(p, q) >= n:
-            continue
-        polygon = diagram.vertices[ridge]
-        normal = np.cross(polygon[1:-1] - polygon[0], polygon[2:] - polygon[0]).sum(axis=0)
-        area = 0.5 * np.linalg.norm(normal)
-        height = 0.5 * np.linalg.norm(points[p] - points[q])
-        for a, b in ((p, q), (q, p)):
-            if a < n:
-                areas[a, int(ids[b]), tuple(shifts[b].tolist())] = area
-                volumes[a] += area * height / 3
+    for a, b in ((0, 1), (1, 0)):
+        mine, other = pairs[kept, a], pairs[kept, b]
+        inner = mine < n
+        np.add.at(volumes, mine[inner], (area * height)[inner] / 3)
+        keys = zip(
+            mine[inner].tolist(), ids[other[inner]].tolist(), map(tuple, shifts[other[inner]].tolist()), strict=True
+        )
+        areas.update(zip(keys, area[inner].tolist(), strict=True))
     return areas, volumes
 
 
