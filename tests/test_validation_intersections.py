@@ -11,7 +11,7 @@ from conftest import cube_packing
 
 from grainsdem.errors import GrainsDEMError
 from grainsdem.geometry.separation import bodies, offsets_between
-from grainsdem.validation import intersections
+from grainsdem.validation import intersections, worker
 from grainsdem.validation.intersections import intersection_volumes
 
 
@@ -48,12 +48,12 @@ def test_the_unit_of_length_changes_nothing():
 @pytest.mark.client
 def test_a_mesh_that_manifold3d_does_not_accept_has_no_volume_to_share():
     _, solids, pairs, offsets = arguments(rods(3))
-    block = intersections.Block(
+    block = (
         np.arange(3),
         solids.vertices, solids.vertex_offsets, np.array([[0, 2, 1]] * 3, np.uint64), np.array([0, 1, 2, 3]),
         pairs.astype(np.int64), offsets,
     )  # fmt: skip
-    assert np.isnan(intersections.run(block, {})).all()
+    assert np.isnan(worker.run(block, {})).all()
 
 
 @pytest.mark.client
@@ -62,7 +62,7 @@ def test_a_worker_answers_blocks_until_its_input_ends():
     mesh = intersections.triangles(grains)
     block = intersections._block(solids, mesh, pairs, offsets, 1.0)
     sink = io.BytesIO()
-    intersections.serve(io.BytesIO(pickle.dumps(block) * 2), sink)
+    worker.serve(io.BytesIO(pickle.dumps(block) * 2), sink)
     sink.seek(0)
     for _ in range(2):
         answer = pickle.load(sink)  # noqa: S301  (written two lines above)

@@ -13,13 +13,15 @@ import sys
 from pathlib import Path
 from queue import Queue
 from threading import Thread
-from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple, Self, cast
+from typing import TYPE_CHECKING, Any, BinaryIO, Self, cast
 
 import numpy as np
 
 from grainsdem.errors import GrainsDEMError
 from grainsdem.geometry.triangles import triangles
 from grainsdem.ragged import take_indices
+from grainsdem.validation import worker
+from grainsdem.validation.worker import run
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -29,29 +31,15 @@ if TYPE_CHECKING:
     from grainsdem.geometry.separation import Bodies
     from grainsdem.geometry.triangles import Triangles
     from grainsdem.model import Polyhedra
+    from grainsdem.validation.worker import Block
 
     Floats = NDArray[np.float64]
 
 BLOCK = 2000
 """Pairs tested at a time: a fraction of a second of work."""
 
-FEW = 4 * BLOCK
+FEW = 10 * BLOCK
 """Up to this many pairs, starting processes costs more than they save."""
-
-MOST_BUILT = 20_000
-"""Grains that a process keeps built, about 15 kB each: building one costs as much as testing two pairs."""
-
-
-class Block(NamedTuple):
-    """Some pairs, with what is needed to build their grains: pickled, sent, worked through."""
-
-    ids: NDArray[np.int64]
-    vertices: Floats
-    vertex_offsets: NDArray[np.int64]
-    corners: NDArray[np.uint64]
-    corner_offsets: NDArray[np.int64]
-    pairs: NDArray[np.int64]
-    offsets: Floats
 
 
 def intersection_volumes(
@@ -121,49 +109,14 @@ def _work(
         yield from pool.work(cut, parts)
 
 
-def run(block: Block, built: dict[int, Any]) -> Floats:
-    """Return the shared volume of each pair of a block, in its own units; grains are kept in ``built``."""
-    import manifold3d
-
-    for k, i in enumerate(block.ids.tolist()):
-        if i not in built:
-            vertices = block.vertices[block.vertex_offsets[k] : block.vertex_offsets[k + 1]]
-            corners = block.corners[block.corner_offsets[k] : block.corner_offsets[k + 1]]
-            solid = manifold3d.Manifold(manifold3d.Mesh64(vertices, corners))
-            built[i] = solid if solid.status() == manifold3d.Error.NoError else None
-    result = np.full(len(block.pairs), np.nan)
-    for row, ((i, j), offset) in enumerate(zip(block.pairs.tolist(), block.offsets.tolist(), strict=True)):
-        first, second = built[i], built[j]
-        if first is not None and second is not None:
-            # Moved to the first grain's frame: manifold3d's tolerance grows with the distance from the origin.
-            result[row] = (first ^ second.translate(offset)).volume()
-    for i in list(built)[: max(len(built) - MOST_BUILT, 0)]:
-        del built[i]
-    return result
-
-
-def serve(stdin: BinaryIO | None = None, stdout: BinaryIO | None = None) -> None:
-    """Work through blocks from standard input until it ends, answering each on standard output."""
-    source, sink = stdin or sys.stdin.buffer, stdout or sys.stdout.buffer
-    built: dict[int, Any] = {}
-    while True:
-        try:
-            block = pickle.load(source)  # noqa: S301  (from the parent process, which started this one)
-        except EOFError:
-            return
-        pickle.dump(run(block, built), sink, protocol=pickle.HIGHEST_PROTOCOL)
-        sink.flush()
-
-
 class _Pool:
     """Interpreters that run `serve`, each fed by a thread of its own."""
 
     def __init__(self, n: int) -> None:
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path or str(Path.cwd()) for path in sys.path)}
-        code = "from grainsdem.validation.intersections import serve; serve()"
         self._workers = [
-            subprocess.Popen(  # noqa: S603  (this very interpreter and a constant)
-                [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment
+            subprocess.Popen(  # noqa: S603  (this very interpreter and a file of ours)
+                [sys.executable, "-P", worker.__file__], stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment
             )
             for _ in range(n)
         ]
@@ -172,9 +125,9 @@ class _Pool:
         return self
 
     def __exit__(self, *_: object) -> None:
-        for worker in self._workers:
-            worker.kill()
-            worker.communicate()
+        for process in self._workers:
+            process.kill()
+            process.communicate()
 
     def work(
         self, cut: Callable[[NDArray[np.int64]], Block], parts: list[NDArray[np.int64]]
@@ -183,8 +136,8 @@ class _Pool:
         answers: Queue[tuple[int, Floats | Exception]] = Queue()
         # Each worker has a run of neighbouring parts, so that it builds few grains that another builds too.
         runs = np.array_split(np.arange(len(parts)), len(self._workers))
-        for worker, numbers in zip(self._workers, runs, strict=True):
-            Thread(target=_feed, args=(worker, cut, parts, numbers.tolist(), answers), daemon=True).start()
+        for process, numbers in zip(self._workers, runs, strict=True):
+            Thread(target=_feed, args=(process, cut, parts, numbers.tolist(), answers), daemon=True).start()
         for _ in parts:
             number, answer = answers.get()
             if isinstance(answer, Exception):
@@ -193,14 +146,14 @@ class _Pool:
 
 
 def _feed(
-    worker: subprocess.Popen[bytes],
+    process: subprocess.Popen[bytes],
     cut: Callable[[NDArray[np.int64]], Block],
     parts: list[NDArray[np.int64]],
     numbers: list[int],
     answers: Queue[tuple[int, Floats | Exception]],
 ) -> None:
     """Send one worker its parts, one after another, and pass its answers on."""
-    source, sink = cast("tuple[BinaryIO, BinaryIO]", (worker.stdout, worker.stdin))
+    source, sink = cast("tuple[BinaryIO, BinaryIO]", (process.stdout, process.stdin))
     for number in numbers:
         try:
             pickle.dump(cut(parts[number]), sink, protocol=pickle.HIGHEST_PROTOCOL)
@@ -229,7 +182,7 @@ def _block(solids: Bodies, mesh: Triangles, pairs: NDArray[np.int32], offsets: F
     ids = np.unique(pairs).astype(np.int64)
     vertices, vertex_offsets = take_indices(solids.vertex_offsets, ids)
     corners, corner_offsets = take_indices(mesh.offsets, ids)
-    return Block(
+    return (
         ids,
         solids.vertices[vertices] / length,
         vertex_offsets,

@@ -187,13 +187,22 @@ def _clip(subject: Floats, n_subject: int, window: Floats, n_window: int, turn: 
     """
     count = n_subject
     for e in range(n_window):
-        a, b = e, (e + 1) % n_window
-        ex, ey = turn * (window[b, 0] - window[a, 0]), turn * (window[b, 1] - window[a, 1])
-        kept = 0
+        a, b = e, e + 1 if e + 1 < n_window else 0
+        ax, ay = window[a, 0], window[a, 1]
+        ex, ey = turn * (window[b, 0] - ax), turn * (window[b, 1] - ay)
+        outside = 0
         for c in range(count):
-            d = (c + 1) % count
-            here = ex * (subject[c, 1] - window[a, 1]) - ey * (subject[c, 0] - window[a, 0])
-            there = ex * (subject[d, 1] - window[a, 1]) - ey * (subject[d, 0] - window[a, 0])
+            if ex * (subject[c, 1] - ay) < ey * (subject[c, 0] - ax):
+                outside += 1
+        if outside == 0:
+            continue  # most edges cut nothing
+        if outside == count:
+            return 0
+        kept = 0
+        here = ex * (subject[0, 1] - ay) - ey * (subject[0, 0] - ax)
+        for c in range(count):
+            d = c + 1 if c + 1 < count else 0
+            there = ex * (subject[d, 1] - ay) - ey * (subject[d, 0] - ax)
             if here >= 0.0:
                 spare[kept, 0], spare[kept, 1] = subject[c, 0], subject[c, 1]
                 kept += 1
@@ -202,6 +211,7 @@ def _clip(subject: Floats, n_subject: int, window: Floats, n_window: int, turn: 
                 spare[kept, 0] = subject[c, 0] + s * (subject[d, 0] - subject[c, 0])
                 spare[kept, 1] = subject[c, 1] + s * (subject[d, 1] - subject[c, 1])
                 kept += 1
+            here = there
         count = kept
         for c in range(count):
             subject[c, 0], subject[c, 1] = spare[c, 0], spare[c, 1]
