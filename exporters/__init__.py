@@ -7,6 +7,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from exporters.reading import READERS, read, rounding
 from grainsdem.atomic import write_all
 from grainsdem.errors import InputError, WriteError
 
@@ -16,13 +17,14 @@ if TYPE_CHECKING:
 
     from grainsdem.model import Packing
 
-__all__ = ["FORMATS", "files", "module_for", "write"]
+__all__ = ["FORMATS", "READERS", "files", "module_for", "read", "rounding", "write"]
 
 FORMATS = {
     ".xml": "exporters.mjcf",
     ".usda": "exporters.usd",
     ".usdc": "exporters.usd",
     ".stl": "exporters.stl",
+    ".obj": "exporters.obj",
 }
 """Suffix of a file and the module that writes it. A module has ``Options``, a dataclass, and ``files``."""
 
@@ -41,7 +43,7 @@ def write(
     packing : Packing
         Any packing of at least one grain.
     path : path-like
-        Where to write: ``.xml`` is MJCF, ``.usda`` and ``.usdc`` USD, ``.stl`` STL.
+        Where to write: ``.xml`` is MJCF, ``.usda`` and ``.usdc`` USD, ``.stl`` STL, ``.obj`` OBJ.
     overwrite : bool
         Whether files that exist are replaced.
     **options

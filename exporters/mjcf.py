@@ -49,6 +49,8 @@ _DOCUMENT = Template("""\
     <numeric name="grain_unit_length" data="$length"/>
     <numeric name="grain_unit_mass" data="$mass"/>
     <numeric name="grain_unit_time" data="$time"/>
+    <numeric name="domain_lower" data="$domain_lower"/>
+    <numeric name="domain_upper" data="$domain_upper"/>
   </custom>
   <visual>
     <global azimuth="125" elevation="-22" fovy="38" offwidth="1920" offheight="1440"/>
@@ -220,12 +222,14 @@ def text(packing: Packing, options: MjcfOptions | None = None, *, name: str = "b
 def _settings(packing: Packing, options: MjcfOptions, scales: GrainUnits) -> dict[str, object]:
     """Return what the options and the units fill in."""
     n = len(packing)
+    box = np.stack([packing.domain.lower, packing.domain.upper]) / scales.length
     wall_friction = options.friction if options.wall_friction is None else options.wall_friction
     return {
         "n_grains": n,
         "length": repr(scales.length),
         "mass": repr(scales.mass),
         "time": repr(scales.time),
+        **dict(zip(("domain_lower", "domain_upper"), rows_of_text(box.ravel(), [3, 3], digits=12), strict=True)),
         "density": f"{scales.density:.9g}",
         "gravity": f"{options.gravity:.9g}",
         "memory": options.memory or _memory(n),

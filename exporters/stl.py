@@ -28,7 +28,8 @@ if TYPE_CHECKING:
     Singles = NDArray[np.float32]
     Offsets = NDArray[np.int64]
 
-_RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+"""One triangle of binary STL."""
 
 _FACET = """\
   facet normal %.9g %.9g %.9g
@@ -192,7 +193,7 @@ def _unit_normals(corners: Singles) -> NDArray[np.float64]:
 
 def _binary(corners: Singles) -> bytes:
     """Return binary STL: 80 bytes of header, the number of triangles, 50 bytes each."""
-    records = np.zeros(len(corners), dtype=_RECORD)
+    records = np.zeros(len(corners), dtype=RECORD)
     records["normal"] = _unit_normals(corners)
     records["corners"] = corners
     header = b"grainsdem, metres".ljust(80)  # must not begin with "solid", which is ASCII's mark

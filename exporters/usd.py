@@ -101,7 +101,7 @@ def files(
 
 def _layer(packing: Packing, options: UsdOptions, suffix: str) -> Any:
     """Return the packing as an anonymous `Sdf.Layer`."""
-    from pxr import Sdf
+    from pxr import Sdf, Vt
 
     integrals = measured(packing)
     _log_large_hulls(packing)
@@ -114,6 +114,12 @@ def _layer(packing: Packing, options: UsdOptions, suffix: str) -> Any:
         root = layer.pseudoRoot
         for key, value in {"metersPerUnit": 1.0, "kilogramsPerUnit": 1.0, "upAxis": "Z"}.items():
             root.SetInfo(key, value)
+        domain = packing.domain
+        layer.customLayerData = {"grainsdem": {
+            "domainLower": Vt.DoubleArray(domain.lower.tolist()),
+            "domainUpper": Vt.DoubleArray(domain.upper.tolist()),
+            "domainPeriodic": Vt.IntArray(domain.periodic.astype(int).tolist()),
+        }}  # fmt: skip
         world = _prim(layer.pseudoRoot, "World", "Xform")
         _scene(world, packing, options)
         _materials(world, options, scales.density)

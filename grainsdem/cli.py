@@ -37,7 +37,10 @@ err = Console(stderr=True, soft_wrap=True)
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
-Bed = Annotated[Path, typer.Argument(help="A packing: an .h5 file that grainsdem wrote.", show_default=False)]
+Bed = Annotated[
+    Path,
+    typer.Argument(help="A packing: .h5, or a file we exported (.xml, .usda, .usdc, .stl, .obj).", show_default=False),
+]
 Rng = Annotated[int, typer.Option(help="Seed of everything that is random.", min=0)]
 
 
@@ -179,16 +182,33 @@ def validate(
         float,
         typer.Option(help="Largest overlap volume allowed, relative to the smaller grain; 1e-3 for settled beds."),
     ] = 1e-9,
+    against: Annotated[
+        Path | None,
+        typer.Option(help="Also check that every grain of this packing is there, as large and where it was."),
+    ] = None,
+    method: Annotated[
+        Literal["planes", "manifold3d"],
+        typer.Option(help="Prove pairs apart by planes where that is possible, or all by manifold3d."),
+    ] = "planes",
     json_: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Check that every grain is closed and convex, and that no two overlap; exit 1 where a check fails."""
-    from grainsdem.recipe import counting_words  # noqa: PLC0415  (a command pays only for its own imports)
-    from grainsdem.screen import ChainProgress, print_report  # noqa: PLC0415  (a command pays only for its own imports)
+    """Check that every grain is closed and convex, and that no two overlap; exit 1 where a check fails.
 
-    packing = grainsdem.load(bed)
+    An exported file is read as the program that it is for reads it, rounding included.
+    """
+    from grainsdem.recipe import counting_words  # noqa: PLC0415  (a command pays only for its own imports)
+    from grainsdem.screen import ChainProgress, print_report  # noqa: PLC0415  (the same)
+    from grainsdem.validation import SHAPE, compare  # noqa: PLC0415  (the same)
+
+    packing = _load(bed)
+    original = None if against is None else _load(against)
     with ChainProgress(err, shown=not (quiet or json_)) as progress, progress.stage("Validating") as tell:
-        report = grainsdem.validate(packing, overlap=overlap, progress=counting_words(tell, "pairs"))
+        told = counting_words(tell, "pairs")
+        shape = max(SHAPE, _rounding(packing, bed))
+        report = grainsdem.validate(packing, overlap=overlap, shape=shape, method=method, progress=told)
+        if original is not None:
+            report = grainsdem.Report((*compare(packing, original), *report.checks))
     if json_:
         _print_json(report.to_dict())
     elif not quiet:
@@ -209,7 +229,7 @@ def measure(
     quiet: Quiet = False,
 ) -> None:
     """Measure a bed: porosity, grain sizes, sphericity, coordination."""
-    packing = grainsdem.load(bed)
+    packing = _load(bed)
     if table is not None:
         from grainsdem.measures import write_csv  # noqa: PLC0415  (a command pays only for its own imports)
 
@@ -227,10 +247,10 @@ def export(
     json_: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Write a bed for other programs: .xml (MuJoCo), .usda or .usdc (OpenUSD), .stl."""
+    """Write a bed for other programs: .xml (MuJoCo), .usda or .usdc (OpenUSD), .stl, .obj."""
     import exporters  # noqa: PLC0415  (a command pays only for its own imports)
 
-    packing = grainsdem.load(bed)
+    packing = _load(bed)
     for output in outputs:
         exporters.module_for(output.suffix)  # all are known before the first is written
     files = [path for output in outputs for path in exporters.write(packing, output)]
@@ -270,7 +290,7 @@ def settle(
     from grainsdem.screen import ChainProgress, print_settling  # noqa: PLC0415  (the same)
 
     storage.check_suffix(output)
-    packing = grainsdem.load(bed)
+    packing = _load(bed)
     start = grainsdem.shuffle(packing, rng=rng) if pour else packing
     with (
         ChainProgress(err, shown=not (quiet or json_)) as progress,
@@ -303,7 +323,7 @@ def render(
     quiet: Quiet = False,
 ) -> None:
     """Draw a bed (needs PyVista: pip install "grainsdem[viz]")."""
-    path = grainsdem.figures.render(grainsdem.load(bed), picture, color_by=color_by)
+    path = grainsdem.figures.render(_load(bed), picture, color_by=color_by)
     if not quiet:
         out.print(f"wrote {path}", highlight=False)
 
@@ -314,7 +334,7 @@ def info(bed: Bed, json_: Json = False, quiet: Quiet = False) -> None:
     """Say what a file holds and what made it."""
     from grainsdem.screen import print_info  # noqa: PLC0415  (a command pays only for its own imports)
 
-    packing = grainsdem.load(bed)
+    packing = _load(bed)
     facts = {
         "grains": len(packing),
         "vertices": len(packing.grains.vertices),
@@ -329,6 +349,22 @@ def info(bed: Bed, json_: Json = False, quiet: Quiet = False) -> None:
         _print_json(facts)
     elif not quiet:
         print_info(out, str(bed), facts)
+
+
+def _load(path: Path) -> Packing:
+    """Return a packing from HDF5, or from a format that we can read back."""
+    import exporters  # noqa: PLC0415  (a command pays only for its own imports)
+
+    return exporters.read(path) if path.suffix.lower() in exporters.READERS else grainsdem.load(path)
+
+
+def _rounding(packing: Packing, path: Path) -> float:
+    """Return by how much the file's single precision may have moved vertices, relative to the mean diameter."""
+    import exporters  # noqa: PLC0415  (a command pays only for its own imports)
+
+    if path.suffix.lower() not in exporters.READERS:
+        return 0.0
+    return exporters.rounding(packing, path.suffix) / float(grainsdem.diameters(packing.grains).mean())
 
 
 def _print_summary(packing: Packing, *, json_: bool, quiet: bool, title: str, within: float | None = None) -> None:

@@ -9,6 +9,7 @@ import pytest
 from conftest import cube_packing
 
 from exporters.mjcf import MjcfOptions
+from exporters.mujoco_log import quiet
 from grainsdem.dynamics import scene as scenes
 from grainsdem.dynamics import settle
 from grainsdem.dynamics.mechanics import sample
@@ -253,7 +254,7 @@ def test_a_warning_of_mujoco_is_trouble(poured):
     scene = build(poured, MjcfOptions())
     before = sample(scene)
     scene.data.qvel[0] = np.inf
-    with scenes.quiet() as messages:
+    with quiet() as messages:
         mujoco.mj_step(scene.model, scene.data)
     assert "QVEL" in messages[0]
     scene.data.qvel[:] = 0

@@ -5,19 +5,17 @@ Everything here is in grain units (`exporters.mjcf.units`); only `Scene.packing`
 
 from __future__ import annotations
 
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from exporters import mjcf
+from exporters.mujoco_log import quiet
 from grainsdem.errors import InputError
 from grainsdem.model import ContactGraph, Packing
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from numpy.typing import NDArray
 
     from exporters.mjcf import GrainUnits, MjcfOptions
@@ -130,20 +128,6 @@ def build(packing: Packing, options: MjcfOptions) -> Scene:
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     return Scene(packing, mjcf.units(packing, options.gravity), model, data, grain_of_body)
-
-
-@contextmanager
-def quiet() -> Iterator[list[str]]:
-    """Collect MuJoCo's warnings; left alone it writes them to the screen and to a file in the working folder."""
-    import mujoco
-
-    messages: list[str] = []
-    before = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(messages.append)
-    try:
-        yield messages
-    finally:
-        mujoco.set_mju_user_warning(before)
 
 
 def merge_contacts(scene: Scene) -> ContactGraph:

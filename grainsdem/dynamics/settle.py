@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from exporters.mjcf import MjcfOptions
+from exporters.mujoco_log import quiet
 from grainsdem.dynamics.mechanics import SAMPLE_UNITS, Sample, sample
-from grainsdem.dynamics.scene import Scene, build, quiet
+from grainsdem.dynamics.scene import Scene, build
 from grainsdem.dynamics.watch import TroubleError, find_trouble
 from grainsdem.errors import InputError, UnstableError
 from grainsdem.storage import HistoryWriter

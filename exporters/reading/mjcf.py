@@ -1,0 +1,69 @@
+"""MJCF through MuJoCo's own compiler: shapes and poses are those that it simulates."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from exporters.mujoco_log import quiet
+from exporters.reading.rebuild import Shape, gather, placed
+from grainsdem.errors import FileFormatError
+from grainsdem.geometry.rotations import to_matrices
+from grainsdem.model import Domain
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from grainsdem.model import Packing
+
+IS_LOCAL = True
+ROUNDINGS = 3  # as given, about the new centre, and along the new axes
+
+
+def read(path: Path) -> Packing:
+    """Read every body that has a joint and a mesh; lengths and masses by the file's own factors, else as SI."""
+    import mujoco
+
+    try:
+        with quiet():
+            model = mujoco.MjModel.from_xml_path(str(path))
+    except ValueError as error:
+        raise FileFormatError(f"{path}: MuJoCo does not compile it: {' '.join(str(error).split())}") from error
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    length, mass = _factor(model, "grain_unit_length"), _factor(model, "grain_unit_mass")
+    meshes = np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_MESH)
+    geoms = meshes[model.body_jntnum[model.geom_bodyid[meshes]] > 0]
+    shapes = gather(path, [_shape(model, geom, length) for geom in geoms])
+    bodies = model.geom_bodyid[geoms]
+    corners = [_numeric(model, name) for name in ("domain_lower", "domain_upper")]
+    domain = None if any(corner is None for corner in corners) else Domain(*(corner * length for corner in corners))
+    return placed(shapes, data.xpos[bodies] * length, data.xquat[bodies], model.body_mass[bodies] * mass, domain)
+
+
+def _shape(model: Any, geom: int, length: float) -> Shape:
+    """Return the mesh of a geom in the frame of its body: the compiler has moved it into a frame of its own."""
+    mesh = model.geom_dataid[geom]
+    first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+    turn = to_matrices(model.geom_quat[geom][None])[0]
+    points = model.mesh_vert[first : first + count].astype(np.float64) @ turn.T + model.geom_pos[geom]
+    first, count = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
+    faces = model.mesh_face[first : first + count]
+    return Shape(points * length, faces.ravel().astype(np.int32), np.full(count, 3, dtype=np.int32))
+
+
+def _factor(model: Any, name: str) -> float:
+    value = _numeric(model, name)
+    return 1.0 if value is None else float(value[0])
+
+
+def _numeric(model: Any, name: str) -> Any:
+    """Return a custom number of the file, or None."""
+    import mujoco
+
+    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, name)
+    if index < 0:
+        return None
+    first = model.numeric_adr[index]
+    return np.array(model.numeric_data[first : first + model.numeric_size[index]])

@@ -1,0 +1,116 @@
+"""What every reader ends with: shapes and poses made a packing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from grainsdem.errors import FileFormatError
+from grainsdem.geometry.integrals import integrate, volumes
+from grainsdem.geometry.rotations import identity_quaternions
+from grainsdem.model import QUARTZ_DENSITY, Domain, Packing, Polyhedra
+from grainsdem.ragged import offsets_from_counts, owners
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shape:
+    """One grain of a file.
+
+    Parameters
+    ----------
+    points : ndarray, shape (k, 3)
+        Vertices [m] in the grain's frame.
+    corners : ndarray of int, shape (c,)
+        Vertices of its faces, one face after another.
+    counts : ndarray of int, shape (f,)
+        Number of corners of each face.
+    """
+
+    points: Floats
+    corners: NDArray[np.int32]
+    counts: NDArray[np.int32]
+
+
+def gather(path: Path, shapes: list[Shape]) -> Polyhedra:
+    """Return the shapes as flat arrays, or raise `FileFormatError` where there is none."""
+    if not shapes:
+        raise FileFormatError(f"{path}: holds no grains")
+    return Polyhedra(
+        np.concatenate([shape.points for shape in shapes]),
+        offsets_from_counts([len(shape.points) for shape in shapes]),
+        offsets_from_counts([len(shape.counts) for shape in shapes]),
+        np.concatenate([shape.corners for shape in shapes]),
+        offsets_from_counts(np.concatenate([shape.counts for shape in shapes])),
+    )
+
+
+def placed(
+    shapes: Polyhedra, positions: Floats, quaternions: Floats, masses: Floats, domain: Domain | None = None
+) -> Packing:
+    """Return shapes with poses and masses [kg] as a packing; a grain without volume gets the density of quartz."""
+    sizes = volumes(shapes)
+    densities = np.divide(masses, sizes, out=np.full(len(shapes), QUARTZ_DENSITY), where=sizes > 0)
+    return Packing(shapes, positions, quaternions, densities, domain or _box_around(shapes, positions))
+
+
+def from_soup(path: Path, corners: NDArray[np.float32], grain_of: NDArray[np.int64]) -> Packing:
+    """Return triangles in the world as a packing; corners of one grain that are equal to the bit are one vertex.
+
+    Parameters
+    ----------
+    path : Path
+        Where they are from.
+    corners : ndarray of float32, shape (m, 3, 3)
+        Corners [m] of the triangles.
+    grain_of : ndarray of int64, shape (m,)
+        Grain of each triangle, from 0 without gaps, not falling.
+    """
+    if not len(corners):
+        raise FileFormatError(f"{path}: holds no triangles")
+    n = int(grain_of[-1]) + 1
+    # Rows of numbers that sort as one: the grain, then the bits of the coordinates. Zero has two signs; it gets one.
+    rows = np.empty((corners.shape[0] * 3, 4), dtype=np.int64)
+    rows[:, 0] = np.repeat(grain_of, 3)
+    rows[:, 1:] = (corners.reshape(-1, 3).astype(np.float32) + np.float32(0.0)).view(np.int32)
+    vertices, first, index = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+    vertex_offsets = offsets_from_counts(np.bincount(vertices[:, 0], minlength=n))
+    points = corners.reshape(-1, 3).astype(np.float64)[first]
+    owner = owners(vertex_offsets)
+    sums = np.stack([np.bincount(owner, points[:, k], n) for k in range(3)], axis=1)
+    positions: Floats = sums / np.diff(vertex_offsets)[:, None]
+    shapes = Polyhedra(
+        points - positions[owner],
+        vertex_offsets,
+        offsets_from_counts(np.bincount(grain_of, minlength=n)),
+        (index.ravel() - np.repeat(vertex_offsets[grain_of], 3)).astype(np.int32),
+        3 * np.arange(len(corners) + 1),
+    )
+    shapes, positions = _about_centroids(shapes, positions)
+    return placed(shapes, positions, identity_quaternions(n), QUARTZ_DENSITY * volumes(shapes))
+
+
+def _about_centroids(shapes: Polyhedra, positions: Floats) -> tuple[Polyhedra, Floats]:
+    """Move the origin of each shape to its centroid, where it has one: an open or flat shape may have none."""
+    measured = integrate(shapes)
+    has_one = (measured.volumes > 0) & np.isfinite(measured.centroids).all(axis=1)
+    centroids = np.where(has_one[:, None], measured.centroids, 0.0)
+    moved = replace(shapes, vertices=shapes.vertices - centroids[owners(shapes.vertex_offsets)])
+    return moved, positions + centroids
+
+
+def _box_around(shapes: Polyhedra, positions: Floats) -> Domain:
+    """Return a box around spheres that hold the grains, whatever their rotations."""
+    owner = owners(shapes.vertex_offsets)
+    radii = np.zeros(len(shapes))
+    np.fmax.at(radii, owner, np.linalg.norm(shapes.vertices, axis=1))
+    lower, upper = np.nanmin(positions - radii[:, None], axis=0), np.nanmax(positions + radii[:, None], axis=0)
+    return Domain(lower, np.maximum(upper, np.nextafter(lower, np.inf)))
