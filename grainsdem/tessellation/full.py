@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 BROKEN = 4
 """Status of a cell that does not obey V − E + F = 2."""
 
+WIDEST = 1e-6
+"""Largest length, relative to the domain, that repairs may take for rounding."""
+
 ROOM = (36, 22, 108)
 """Vertices, faces and corners a cell that the first buffers hold; the mean of a Poisson cell is 27, 16 and 81."""
 
@@ -93,7 +96,7 @@ def _emit(work, n_tri, n_planes, tolerance, vertices, counts, ids, codes, corner
 
 
 @njit(cache=True, parallel=True)
-def _grow_cells(tree, frame, places, bans, ban_offsets, size, chunk, room, batch, status, tolerance):  # type: ignore[no-untyped-def]
+def _grow_cells(tree, frame, places, bans, ban_offsets, size, chunk, room, batch, status, tolerances):  # type: ignore[no-untyped-def]
     vertices, counts, ids, codes, corners, spans = batch
     for b in prange((len(places) + chunk - 1) // chunk):
         work = work_arrays(size)
@@ -113,7 +116,7 @@ def _grow_cells(tree, frame, places, bans, ban_offsets, size, chunk, room, batch
             n_v = n_f = n_c = 0
             if code == CUT:
                 code, n_v, n_f, n_c = _emit(
-                    work, n_tri, n_planes, tolerance,
+                    work, n_tri, n_planes, tolerances[at],
                     vertices[v:v_end], counts[f:f_end], ids[f:f_end], codes[f:f_end], corners[c:c_end],
                 )  # fmt: skip
             spans[at, 0], spans[at, 1] = v, n_v
@@ -195,6 +198,7 @@ def _pass(
     frame: Frame,
     places: NDArray[np.int64],
     bans: tuple[NDArray[np.int64], NDArray[np.int64]],
+    tolerances: NDArray[np.float64],
     size: int,
 ) -> tuple[_Batch, NDArray[np.int8]]:
     """Grow the cells at some places of the tree with work arrays of one size."""
@@ -222,7 +226,7 @@ def _pass(
         room,
         tuple(batch),
         status,
-        frame.merge_tolerance,
+        tolerances,
     )
     return batch, status
 
@@ -237,6 +241,7 @@ class _Collection:
         self.batch = np.zeros(n, dtype=np.int32)
         self.row = np.zeros(n, dtype=np.int64)
         self.counts = np.zeros((n, 3), dtype=np.int64)
+        self.tolerances = np.full(n, frame.merge_tolerance)
 
     def grow(self, places: NDArray[np.int64], bans: NDArray[np.int64], ban_counts: NDArray[np.int64]) -> None:
         """Grow the cells at ``places``; those that do not fit are grown again with more room."""
@@ -246,21 +251,28 @@ class _Collection:
         while pending.size:
             kept = np.isin(owner, pending)
             offsets = offsets_from_counts(np.bincount(owner[kept], minlength=len(places))[pending])
-            batch, status = _pass(self.tree, self.frame, places[pending], (bans[kept], offsets), size)
-            broken = places[pending[status == BROKEN]]
-            if broken.size:
-                raise GrainsDEMError(
-                    f"the cells of seeds {name_offenders(np.sort(self.tree.order[broken]))} are no closed polyhedra; "
-                    f"their seeds are too nearly degenerate for double precision"
-                )
-            done = np.flatnonzero(status != FULL)
+            tolerances = self.tolerances[self.tree.order[places[pending]]]
+            batch, status = _pass(self.tree, self.frame, places[pending], (bans[kept], offsets), tolerances, size)
+            broken = self.tree.order[places[pending[status == BROKEN]]]
+            self.widen(broken, 8 * self.tolerances[broken])
+            done = np.flatnonzero((status == CUT) | (status == EMPTY))
             seeds = self.tree.order[places[pending[done]]]
             self.batch[seeds] = len(self.batches)
             self.row[seeds] = done
             self.counts[seeds] = batch.spans[done][:, 1::2]
             self.batches.append(batch)
-            pending = pending[status == FULL]
-            size *= 4
+            pending = pending[(status == FULL) | (status == BROKEN)]
+            size *= 4 if np.any(status == FULL) else 1
+
+    def widen(self, seeds: NDArray[np.int64], tolerances: NDArray[np.float64]) -> None:
+        """Let more of the edges of some cells count as rounding, within reason."""
+        hopeless = seeds[tolerances > WIDEST]
+        if hopeless.size:
+            raise GrainsDEMError(
+                f"the cells around seeds {name_offenders(np.unique(hopeless))} cannot be told apart in double "
+                f"precision: the planes between them meet at too small angles"
+            )
+        np.maximum.at(self.tolerances, seeds, tolerances)
 
     def cells(self) -> Cells:
         """Return all cells in the order of the seeds."""
@@ -286,7 +298,7 @@ def full_cells(tree: Tree, frame: Frame) -> Cells:
     Raises
     ------
     GrainsDEMError
-        If rounding broke a cell beyond repair: no input is known that does.
+        If seeds are so nearly degenerate that their cells cannot be told apart.
     """
     n = len(tree.order)
     collection = _Collection(tree, frame)
@@ -294,8 +306,9 @@ def full_cells(tree: Tree, frame: Frame) -> Cells:
     place_of = np.empty(n, dtype=np.int64)
     place_of[tree.order] = np.arange(n)
     banned = np.empty((0, 2), dtype=np.int64)
-    # A face near the size of rounding may exist for one of its cells only: that cell is grown again without it.
-    for _ in range(32):
+    # A face near the size of rounding may exist for one of its cells only: that cell is grown again without it, and
+    # with edges as short as the face is narrow taken for rounding.
+    while True:
         cells = collection.cells()
         faces = np.flatnonzero(_one_sided(cells.face_offsets, cells.neighbors, cells.shifts))
         if faces.size == 0:
@@ -303,9 +316,19 @@ def full_cells(tree: Tree, frame: Frame) -> Cells:
         seeds = np.searchsorted(cells.face_offsets, faces, side="right") - 1
         keys = cells.neighbors[faces] * np.int64(27) + (cells.shifts[faces] + 1) @ np.array([9, 3, 1])
         banned = np.concatenate([banned, np.stack([seeds, keys], axis=1)])
+        widths = np.array([_width(cells, f, i) for f, i in zip(faces, seeds, strict=True)]) / frame.scale
+        collection.widen(seeds, np.maximum(4 * widths, 2 * collection.tolerances[seeds]))
         again = np.unique(seeds)
         mine = banned[np.isin(banned[:, 0], again)]
         mine = mine[np.lexsort(mine.T[::-1])]
         ban_counts = np.bincount(np.searchsorted(again, mine[:, 0]), minlength=again.size)
         collection.grow(place_of[again], np.ascontiguousarray(mine[:, 1]), ban_counts)
-    raise GrainsDEMError(f"the faces of seeds {name_offenders(again)} are not seen from both sides")
+
+
+def _width(cells: Cells, face: np.int64, cell: np.int64) -> float:
+    """Return twice the area of a face over its perimeter: the width of a sliver."""
+    corners = cells.corners[cells.corner_offsets[face] : cells.corner_offsets[face + 1]]
+    points = cells.vertices[cells.vertex_offsets[cell] + corners]
+    arms = points - points[0]
+    area = 0.5 * np.linalg.norm(np.cross(arms[1:-1], arms[2:]).sum(axis=0))
+    return float(2 * area / np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1).sum())
