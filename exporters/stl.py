@@ -6,7 +6,7 @@ each grain is closed and no triangle is without area.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -117,7 +117,7 @@ def surface(packing: Packing, origin: Literal["world", "domain"] = "world") -> t
     volumes = measured(packing).volumes
     world = world_vertices(packing) - (packing.domain.lower if origin == "domain" else 0.0)
     _refuse_far(world, np.cbrt(volumes.min() * 6.0 / np.pi))
-    grains = _with_vertices(packing.grains, world.astype(np.float32).astype(np.float64))
+    grains = replace(packing.grains, vertices=world.astype(np.float32).astype(np.float64))
     corners, offsets = _cut(grains)
     flat = owners(offsets)[~vector_areas(corners).any(axis=1)]
     if flat.size:
@@ -147,13 +147,6 @@ def _cut(grains: Polyhedra) -> tuple[Singles, Offsets]:
     cut = triangles(grains, apexes=best_apexes(grains))
     firsts = np.repeat(grains.vertex_offsets[:-1], np.diff(cut.offsets))
     return grains.vertices.astype(np.float32)[cut.indices + firsts[:, None]], cut.offsets
-
-
-def _with_vertices(grains: Polyhedra, vertices: NDArray[np.float64]) -> Polyhedra:
-    """Return the same faces over other vertices."""
-    return Polyhedra(
-        vertices, grains.vertex_offsets, grains.face_offsets, grains.face_vertices, grains.face_vertex_offsets
-    )
 
 
 def _without_doubles(grains: Polyhedra, rows: NDArray[np.int64]) -> Polyhedra:

@@ -58,16 +58,11 @@ def guarded(command: Callable[..., None]) -> Callable[..., None]:
             _complain(f"error: {error}")
             raise typer.Exit(2) from None
         except KeyboardInterrupt as interrupt:
-            _complain(f"interrupted{_details(interrupt)}")
+            kept = getattr(interrupt, "__notes__", [])
+            _complain("; ".join(["interrupted", *kept]))
             raise typer.Exit(130) from None
 
     return run_guarded
-
-
-def _details(interrupt: KeyboardInterrupt) -> str:
-    """Return what an interrupt's notes say was kept."""
-    notes = getattr(interrupt, "__notes__", [])
-    return f"; {'; '.join(notes)}" if notes else ""
 
 
 def _complain(line: str) -> None:
@@ -82,7 +77,7 @@ def demo(
     quiet: Quiet = False,
 ) -> None:
     """Make the main example: a bed of ASTM 20/30 Ottawa sand, from seeds to grains at rest."""
-    from grainsdem.recipe import EXAMPLE  # noqa: PLC0415  (a command pays only for its own imports)
+    from grainsdem.recipe import EXAMPLE
 
     _run(EXAMPLE, folder, json_=json_, quiet=quiet)
 
@@ -102,8 +97,8 @@ def run(
 
 
 def _run(recipe: Path, folder: Path, *, json_: bool, quiet: bool) -> None:
-    from grainsdem import recipe as recipes  # noqa: PLC0415  (a command pays only for its own imports)
-    from grainsdem.screen import ChainProgress, print_result  # noqa: PLC0415  (the same)
+    from grainsdem import recipe as recipes
+    from grainsdem.screen import ChainProgress, print_result
 
     wanted = recipes.read(recipe)
     with ChainProgress(err, shown=not (quiet or json_)) as progress:
@@ -143,9 +138,9 @@ def generate(
     quiet: Quiet = False,
 ) -> None:
     """Grow a bed of grains from seeds and write it as HDF5."""
-    from grainsdem import recipe as recipes  # noqa: PLC0415  (a command pays only for its own imports)
-    from grainsdem import storage  # noqa: PLC0415  (the same)
-    from grainsdem.screen import ChainProgress  # noqa: PLC0415  (the same)
+    from grainsdem import recipe as recipes
+    from grainsdem import storage
+    from grainsdem.screen import ChainProgress
 
     storage.check_suffix(output)
     if porosity is None and scale is None:
@@ -197,16 +192,17 @@ def validate(
 
     An exported file is read as the program that it is for reads it, rounding included.
     """
-    from grainsdem.recipe import counting_words  # noqa: PLC0415  (a command pays only for its own imports)
-    from grainsdem.screen import ChainProgress, print_report  # noqa: PLC0415  (the same)
-    from grainsdem.validation import SHAPE, compare  # noqa: PLC0415  (the same)
+    import exporters
+    from grainsdem.recipe import counting_words
+    from grainsdem.screen import ChainProgress, print_report
+    from grainsdem.validation import SHAPE, compare
 
     packing = _load(bed)
     original = None if against is None else _load(against)
     with ChainProgress(err, shown=not (quiet or json_)) as progress, progress.stage("Validating") as tell:
         told = counting_words(tell, "pairs")
-        shape = max(SHAPE, _rounding(packing, bed))
-        report = grainsdem.validate(packing, overlap=overlap, shape=shape, method=method, progress=told)
+        rounding = exporters.rounding(packing, bed.suffix) / float(grainsdem.diameters(packing.grains).mean())
+        report = grainsdem.validate(packing, overlap=overlap, shape=max(SHAPE, rounding), method=method, progress=told)
         if original is not None:
             report = grainsdem.Report((*compare(packing, original), *report.checks))
     if json_:
@@ -231,7 +227,7 @@ def measure(
     """Measure a bed: porosity, grain sizes, sphericity, coordination."""
     packing = _load(bed)
     if table is not None:
-        from grainsdem.measures import write_csv  # noqa: PLC0415  (a command pays only for its own imports)
+        from grainsdem.measures import write_csv
 
         write_csv(grainsdem.table(packing), table)
     _print_summary(packing, json_=json_, quiet=quiet, title=str(bed), within=within)
@@ -248,7 +244,7 @@ def export(
     quiet: Quiet = False,
 ) -> None:
     """Write a bed for other programs: .xml (MuJoCo), .usda or .usdc (OpenUSD), .stl, .obj."""
-    import exporters  # noqa: PLC0415  (a command pays only for its own imports)
+    import exporters
 
     packing = _load(bed)
     for output in outputs:
@@ -285,9 +281,9 @@ def settle(
     quiet: Quiet = False,
 ) -> None:
     """Let grains fall under gravity in their container until they are at rest (MuJoCo)."""
-    from grainsdem import storage  # noqa: PLC0415  (a command pays only for its own imports)
-    from grainsdem.recipe import keeping_last_good, settling_words  # noqa: PLC0415  (the same)
-    from grainsdem.screen import ChainProgress, print_settling  # noqa: PLC0415  (the same)
+    from grainsdem import storage
+    from grainsdem.recipe import keeping_last_good, settling_words
+    from grainsdem.screen import ChainProgress, print_settling
 
     storage.check_suffix(output)
     packing = _load(bed)
@@ -332,7 +328,7 @@ def render(
 @guarded
 def info(bed: Bed, json_: Json = False, quiet: Quiet = False) -> None:
     """Say what a file holds and what made it."""
-    from grainsdem.screen import print_info  # noqa: PLC0415  (a command pays only for its own imports)
+    from grainsdem.screen import print_info
 
     packing = _load(bed)
     facts = {
@@ -353,22 +349,13 @@ def info(bed: Bed, json_: Json = False, quiet: Quiet = False) -> None:
 
 def _load(path: Path) -> Packing:
     """Return a packing from HDF5, or from a format that we can read back."""
-    import exporters  # noqa: PLC0415  (a command pays only for its own imports)
+    import exporters
 
     return exporters.read(path) if path.suffix.lower() in exporters.READERS else grainsdem.load(path)
 
 
-def _rounding(packing: Packing, path: Path) -> float:
-    """Return by how much the file's single precision may have moved vertices, relative to the mean diameter."""
-    import exporters  # noqa: PLC0415  (a command pays only for its own imports)
-
-    if path.suffix.lower() not in exporters.READERS:
-        return 0.0
-    return exporters.rounding(packing, path.suffix) / float(grainsdem.diameters(packing.grains).mean())
-
-
 def _print_summary(packing: Packing, *, json_: bool, quiet: bool, title: str, within: float | None = None) -> None:
-    from grainsdem.screen import print_summary  # noqa: PLC0415  (a command pays only for its own imports)
+    from grainsdem.screen import print_summary
 
     if quiet and not json_:
         return

@@ -62,7 +62,12 @@ def read(path: str | os.PathLike[str]) -> Packing:
 
 
 def rounding(packing: Packing, suffix: str) -> float:
-    """Return by how much [m] single precision may have moved the vertices of a packing that was read off its planes."""
+    """Return how far [m] single precision may have moved the vertices of a packing that was read off their planes.
+
+    Zero for a suffix that is not read here: HDF5 keeps every digit.
+    """
+    if suffix.lower() not in READERS:
+        return 0.0
     module = import_module(READERS[suffix.lower()])
     vertices = packing.grains.vertices if module.IS_LOCAL else world_vertices(packing)
     farthest = float(np.nanmax(np.abs(vertices), initial=0.0))

@@ -27,6 +27,10 @@ MOST_CELLS_A_BOX = 64
 """The grid is coarsened until boxes cover fewer cells than this on average."""
 
 
+FEW = 16
+"""Partners of a box that are kept from the counting; the few boxes that have more are searched twice."""
+
+
 def boxes(packing: Packing) -> tuple[Floats, Floats]:
     """Return the axis-aligned box of every grain in the world.
 
@@ -76,15 +80,41 @@ def near_pairs(lower: Floats, upper: Floats, within: float = 0.0) -> NDArray[np.
     if n < 2:
         return np.empty((0, 2), dtype=np.int32)
     first, last = _cover(lower, upper, within)
-    bucket_starts, entries = _fill(first, last, _bucket_bits(first, last))
-    counts = np.zeros(n, dtype=np.int64)
-    nothing = np.empty(0, dtype=np.int32)
-    arguments = (lower, upper, within, first, last, bucket_starts, entries)
-    _match(*arguments, counts, np.empty(0, dtype=np.int64), nothing)
+    bits = int(np.prod(last - first + 1, axis=1).sum()).bit_length()  # a table about as long as it has entries
+    grid = Grid(lower, upper, first, last, *_fill(first, last, bits), bits)
+    counts = np.empty(n, dtype=np.int64)
+    table = np.empty((n, FEW), dtype=np.int32)
+    _match(grid, within, counts, table)
     offsets = offsets_from_counts(counts)
     partners = np.empty(offsets[-1], dtype=np.int32)
-    _match(*arguments, counts, offsets, partners)
+    _gather(grid, within, table, offsets, partners)
     return np.stack([owners(offsets).astype(np.int32), partners], axis=1)
+
+
+class Grid(NamedTuple):
+    """Boxes and the buckets that the cells they cover are scattered over.
+
+    Parameters
+    ----------
+    lower, upper : ndarray, shape (n, 3)
+        Corners [m].
+    first, last : ndarray of int64, shape (n, 3)
+        First and last cell of each box.
+    starts : ndarray of int64, shape (2 ** bits + 1,)
+        Boxes of bucket b are ``entries[starts[b]:starts[b + 1]]``.
+    entries : ndarray of int32, shape (k,)
+        Boxes, each once a bucket.
+    bits : int
+        Logarithm of the number of buckets.
+    """
+
+    lower: Floats
+    upper: Floats
+    first: NDArray[np.int64]
+    last: NDArray[np.int64]
+    starts: NDArray[np.int64]
+    entries: NDArray[np.int32]
+    bits: int
 
 
 class Images(NamedTuple):
@@ -182,11 +212,6 @@ def _cover(lower: Floats, upper: Floats, within: float) -> tuple[NDArray[np.int6
         size *= 2.0
 
 
-def _bucket_bits(first: NDArray[np.int64], last: NDArray[np.int64]) -> int:
-    """Return the logarithm of a table about as long as it has entries."""
-    return int(np.prod(last - first + 1, axis=1).sum()).bit_length()
-
-
 @njit(cache=True, parallel=True)
 def _bound(vertices: Floats, vertex_offsets: NDArray[np.int64], matrices: Floats, lower: Floats, upper: Floats) -> None:
     for i in prange(vertex_offsets.size - 1):
@@ -240,48 +265,50 @@ def _fill(first: NDArray[np.int64], last: NDArray[np.int64], bits: int) -> tuple
     return starts, entries
 
 
+@njit(cache=True)
+def _find_partners(grid: Grid, within: float, i: int, row: NDArray[np.int32]) -> int:
+    """Fill the partners j > i of a box, as many as there is room for; return how many there are."""
+    lower, upper, first, last, starts, entries, bits = grid
+    found = 0
+    for x in range(first[i, 0], last[i, 0] + 1):
+        for y in range(first[i, 1], last[i, 1] + 1):
+            for z in range(first[i, 2], last[i, 2] + 1):
+                b = _bucket(x, y, z, bits)
+                for e in range(starts[b], starts[b + 1]):
+                    j = entries[e]
+                    # The cell of the intersection's lower corner; other cells of the same bucket fail here.
+                    if j <= i or x != max(first[i, 0], first[j, 0]) or y != max(first[i, 1], first[j, 1]):
+                        continue
+                    if z != max(first[i, 2], first[j, 2]):
+                        continue
+                    square = 0.0
+                    for k in range(3):
+                        apart = max(lower[i, k] - upper[j, k], lower[j, k] - upper[i, k], 0.0)
+                        square += apart * apart
+                    if square > within * within:
+                        continue
+                    if found < row.size:
+                        row[found] = j
+                    found += 1
+    return found
+
+
 @njit(cache=True, parallel=True)
-def _match(
-    lower: Floats,
-    upper: Floats,
-    within: float,
-    first: NDArray[np.int64],
-    last: NDArray[np.int64],
-    starts: NDArray[np.int64],
-    entries: NDArray[np.int32],
-    counts: NDArray[np.int64],
-    offsets: NDArray[np.int64],
-    partners: NDArray[np.int32],
+def _match(grid: Grid, within: float, counts: NDArray[np.int64], table: NDArray[np.int32]) -> None:
+    for i in prange(counts.size):
+        counts[i] = _find_partners(grid, within, i, table[i])
+
+
+@njit(cache=True, parallel=True)
+def _gather(
+    grid: Grid, within: float, table: NDArray[np.int32], offsets: NDArray[np.int64], partners: NDArray[np.int32]
 ) -> None:
-    """Count the partners j > i of each box; with ``offsets`` given, write them in rising order instead."""
-    bits = 0
-    while (1 << bits) < starts.size - 1:
-        bits += 1
-    writing = offsets.size > 0
-    for i in prange(len(lower)):
-        found = 0
-        base = offsets[i] if writing else 0
-        for x in range(first[i, 0], last[i, 0] + 1):
-            for y in range(first[i, 1], last[i, 1] + 1):
-                for z in range(first[i, 2], last[i, 2] + 1):
-                    b = _bucket(x, y, z, bits)
-                    for e in range(starts[b], starts[b + 1]):
-                        j = entries[e]
-                        # The cell of the intersection's lower corner; other cells of the same bucket fail here.
-                        if j <= i or x != max(first[i, 0], first[j, 0]) or y != max(first[i, 1], first[j, 1]):
-                            continue
-                        if z != max(first[i, 2], first[j, 2]):
-                            continue
-                        square = 0.0
-                        for k in range(3):
-                            apart = max(lower[i, k] - upper[j, k], lower[j, k] - upper[i, k], 0.0)
-                            square += apart * apart
-                        if square > within * within:
-                            continue
-                        if writing:
-                            partners[base + found] = j
-                        found += 1
-        if writing:
-            partners[base : base + found].sort()
+    """Put the partners of all boxes one after another, in rising order; those that the table had no room for anew."""
+    for i in prange(offsets.size - 1):
+        row = partners[offsets[i] : offsets[i + 1]]
+        if row.size <= table.shape[1]:
+            for k in range(row.size):
+                row[k] = table[i, k]
         else:
-            counts[i] = found
+            _find_partners(grid, within, i, row)
+        row.sort()

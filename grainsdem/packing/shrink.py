@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from grainsdem.errors import InputError
 from grainsdem.geometry.integrals import volumes
-from grainsdem.model import CellLinks, Packing, Polyhedra
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+from grainsdem.model import CellLinks, Packing
 
 
 def shrink(packing: Packing, *, scale: float | None = None, porosity: float | None = None) -> Packing:
@@ -53,7 +49,7 @@ def shrink(packing: Packing, *, scale: float | None = None, porosity: float | No
     grains = packing.grains
     planar = packing.domain.is_planar
     factor = np.array([scale, scale, 1.0]) if planar else np.full(3, scale)
-    return replace(packing, grains=_with_vertices(grains, grains.vertices * factor)).with_step(
+    return replace(packing, grains=replace(grains, vertices=grains.vertices * factor)).with_step(
         "shrink", scale=float(scale), porosity=porosity
     )
 
@@ -92,14 +88,8 @@ def rescale(packing: Packing, factor: float) -> Packing:
     links = packing.links
     return replace(
         packing,
-        grains=_with_vertices(packing.grains, packing.grains.vertices * factor),
+        grains=replace(packing.grains, vertices=packing.grains.vertices * factor),
         positions=packing.positions * factor,
         domain=packing.domain.scaled(factor),
         links=None if links is None else CellLinks(links.neighbors, links.shifts, links.cell_volumes * factor**3),
     ).with_step("rescale", factor=float(factor))
-
-
-def _with_vertices(grains: Polyhedra, vertices: NDArray[np.float64]) -> Polyhedra:
-    return Polyhedra(
-        vertices, grains.vertex_offsets, grains.face_offsets, grains.face_vertices, grains.face_vertex_offsets
-    )

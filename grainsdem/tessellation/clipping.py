@@ -30,8 +30,11 @@ from math import sqrt
 
 from numba import njit
 
-UNTOUCHED, CUT, EMPTY, FULL = 0, 1, 2, 3
-"""What a cut did: nothing, cut, left nothing of the cell, or found the work arrays too small."""
+UNTOUCHED, CUT, EMPTY, FULL, LOST = 0, 1, 2, 3, 5
+"""What a cut did: nothing, cut, left nothing of the cell, found the work arrays too small, or met rounding too large."""
+
+MOST_LEFT = 1000.0
+"""How far beyond a plane rounding may leave a vertex, relative to the slack."""
 
 
 HOME = 13
@@ -212,6 +215,10 @@ def cut(geo, tri, planes, tags, n_tri, n_planes, rx, ry, rz, half, slack):  # ty
             tags[2, p] = -1
         count, rim = _grow_disk(geo, tri, tags, limit, seed, count)
         length = _walk_rim(tri, tags, n_planes, count)
+    if count != beyond:
+        for t in range(n_tri):
+            if tri[6, t] == 0 and geo[4, t] > MOST_LEFT * limit:
+                return LOST, n_tri
     planes[0, n_planes] = rx / norm
     planes[1, n_planes] = ry / norm
     planes[2, n_planes] = rz / norm

@@ -9,7 +9,7 @@ from numba import njit, prange
 
 from grainsdem.errors import GrainsDEMError, name_offenders
 from grainsdem.ragged import offsets_from_counts
-from grainsdem.tessellation.clipping import CUT, EMPTY, FULL, HOME
+from grainsdem.tessellation.clipping import CUT, EMPTY, FULL, HOME, LOST
 from grainsdem.tessellation.growing import gather, grow, leaf_of
 from grainsdem.tessellation.light import CHUNK, SIZE, list_arrays, work_arrays
 from grainsdem.tessellation.merging import has_short_edge, merge
@@ -253,6 +253,8 @@ class _Collection:
             offsets = offsets_from_counts(np.bincount(owner[kept], minlength=len(places))[pending])
             tolerances = self.tolerances[self.tree.order[places[pending]]]
             batch, status = _pass(self.tree, self.frame, places[pending], (bans[kept], offsets), tolerances, size)
+            lost = self.tree.order[places[pending[status == LOST]]]
+            self.widen(lost, np.full(lost.size, np.inf))
             broken = self.tree.order[places[pending[status == BROKEN]]]
             self.widen(broken, 8 * self.tolerances[broken])
             done = np.flatnonzero((status == CUT) | (status == EMPTY))

@@ -147,7 +147,7 @@ def _try_leaf(leaf, place, qx, qy, qz, code, inner, outer, far, n_tri, n_planes,
         square = rx * rx + ry * ry + rz * rz
         if square > outer or square <= inner or p == place:
             continue
-        half = 0.5 * (square + weight - weights[p])
+        half = 0.5 * (square + (weight - weights[p]))
         # No vertex lies farther than √far along r.
         if half > 0.0 and half * half >= far * square:
             continue
@@ -247,7 +247,7 @@ def _try_listed(inner, outer, count, place, x, y, z, far, n_tri, n_planes, tree,
         at = named[2, i]
         p = named[0, at]
         square = around[4, at]
-        half = 0.5 * (square + weight - around[3, at])
+        half = 0.5 * (square + (weight - around[3, at]))
         # No vertex lies farther than √far along r.
         if (half > 0.0 and half * half >= far * square) or p == place:
             continue
