@@ -30,7 +30,10 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-__all__ = ["Bodies", "Gaps", "bodies", "certify", "measure_gaps", "offsets_between"]
+__all__ = ["Bodies", "Gaps", "bodies", "certify", "measure_gaps", "measure_near", "offsets_between"]
+
+TURN = 1 << 21
+"""Pairs measured at a time: a third of a gigabyte of results."""
 
 UNIT = 2.0**-53
 """Largest relative error of one rounding."""
@@ -107,6 +110,27 @@ def measure_gaps(solids: Bodies, pairs: NDArray[np.int32], offsets: Floats, limi
     room = 2 * int(np.diff(solids.corner_offsets).max(initial=2)) + 8  # a clipped polygon has corners of both
     _measure(solids, _plain(pairs, np.int32), _plain(offsets, np.float64), float(limit), room, result)
     return result
+
+
+def measure_near(
+    packing: Packing, solids: Bodies, pairs: NDArray[np.int32], shifts: NDArray[np.int32], within: float
+) -> tuple[NDArray[np.int64], Gaps]:
+    """Return which pairs are no farther apart than ``within`` [m], and their gaps.
+
+    Takes the pairs in turns, so that what is far apart, most of them, never fills the memory.
+    """
+    rows: list[NDArray[np.int64]] = []
+    found: list[Gaps] = []
+    for start in range(0, max(len(pairs), 1), TURN):
+        some = slice(start, start + TURN)
+        measured = measure_gaps(solids, pairs[some], offsets_between(packing, pairs[some], shifts[some]), within)
+        kept = np.flatnonzero(measured.gaps <= within)
+        rows.append(kept + start)
+        found.append(measured.take(kept))
+    if len(found) == 1:
+        return rows[0], found[0]
+    columns = {name: np.concatenate([getattr(part, name) for part in found]) for name in Gaps._fields}
+    return np.concatenate(rows), found[0]._replace(**columns)
 
 
 def certify(solids: Bodies, pairs: NDArray[np.int32], offsets: Floats) -> tuple[Floats, Floats]:

@@ -9,9 +9,9 @@ import numpy as np
 from grainsdem.errors import InputError
 from grainsdem.geometry.bounds import near_images
 from grainsdem.geometry.integrals import face_planes, volumes
+from grainsdem.geometry.pairs.walls import measure_wall_gaps
 from grainsdem.geometry.rotations import to_matrices
-from grainsdem.geometry.separation import bodies, measure_gaps, offsets_between
-from grainsdem.geometry.walls import measure_wall_gaps
+from grainsdem.geometry.separation import bodies, measure_near, offsets_between
 from grainsdem.model import ContactGraph
 from grainsdem.ragged import owners
 
@@ -56,9 +56,8 @@ def contacts(packing: Packing, *, within: float | None = None, walls: bool = Fal
         raise InputError(f"within must be zero or more and finite; got {within}")
     pairs, shifts = near_images(packing, within)
     solids = bodies(packing)
-    measured = measure_gaps(solids, pairs, offsets_between(packing, pairs, shifts), within)
-    kept = np.flatnonzero(measured.gaps <= within)
-    found = _graph(packing, pairs[kept], shifts[kept], pairs[kept, 0], measured.take(kept))
+    kept, measured = measure_near(packing, solids, pairs, shifts, within)
+    found = _graph(packing, pairs[kept], shifts[kept], pairs[kept, 0], measured)
     if not walls:
         return found
     pairs, measured = measure_wall_gaps(solids, packing.positions, packing.domain, within)

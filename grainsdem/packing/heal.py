@@ -10,7 +10,7 @@ import numpy as np
 from grainsdem.errors import InputError
 from grainsdem.geometry.bounds import near_images
 from grainsdem.geometry.integrals import integrate
-from grainsdem.geometry.separation import bodies, measure_gaps, offsets_between
+from grainsdem.geometry.separation import bodies, measure_gaps, measure_near, offsets_between
 from grainsdem.model import Packing, Polyhedra
 
 if TYPE_CHECKING:
@@ -84,14 +84,13 @@ def heal(packing: Packing, *, gap: float = 0.0, each: Literal["uniform", "grain"
     if each not in ("grain", "uniform"):
         raise InputError(f"each must be 'grain' or 'uniform'; got {each!r}")
     pairs, shifts = near_images(packing, gap)
-    between = offsets_between(packing, pairs, shifts)
     solids = bodies(packing)
-    measured = measure_gaps(solids, pairs, between, gap)
-    close = np.flatnonzero(measured.gaps < gap)
-    pairs, between, normals = pairs[close], between[close], measured.normals[close]
+    near, measured = measure_near(packing, solids, pairs, shifts, gap)
+    near, measured = near[measured.gaps < gap], measured.take(measured.gaps < gap)
+    pairs, between, normals = pairs[near], offsets_between(packing, pairs[near], shifts[near]), measured.normals
     heights = _heights(solids, pairs[:, 0], normals) + _heights(solids, pairs[:, 1], -normals)
     # A few units in the last place more, so that rounding leaves no overlap behind.
-    needed = (gap - measured.gaps[close]) / heights + 8 * np.finfo(float).eps if close.size else np.zeros(0)
+    needed = (gap - measured.gaps) / heights + 8 * np.finfo(float).eps
     if needed.max(initial=0.0) >= 1:
         raise InputError(f"grains overlap too far to be healed: a contact needs {needed.max():.3g} of its grains' size")
     insets = np.zeros(len(packing))

@@ -8,7 +8,7 @@ import numpy as np
 
 from grainsdem.geometry.bounds import near_images
 from grainsdem.geometry.integrals import integrate
-from grainsdem.geometry.separation import bodies, certify, measure_gaps, offsets_between
+from grainsdem.geometry.separation import bodies, certify, measure_near, offsets_between
 from grainsdem.model import Check, Packing
 from grainsdem.packing.carve import select
 from grainsdem.validation.intersections import intersection_volumes
@@ -140,7 +140,8 @@ def _share_volumes(
 def _check_gaps(packing: Packing, solids: Bodies, rows: NDArray[np.int64], d: float, depth: float) -> list[Check]:
     """Return the checks of the deepest overlap and of the smallest gap."""
     pairs, shifts = near_images(packing, SEARCH * d)
-    gaps = measure_gaps(solids, pairs, offsets_between(packing, pairs, shifts), SEARCH * d).gaps
+    near, measured = measure_near(packing, solids, pairs, shifts, SEARCH * d)
+    pairs, gaps = pairs[near], measured.gaps
     is_deep = gaps < -depth * d
     deepest = max(0.0, -float(gaps.min(initial=0.0)))
     smallest = float(gaps.min(initial=np.inf)) / d
