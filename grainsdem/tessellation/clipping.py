@@ -31,7 +31,7 @@ from math import sqrt
 from numba import njit
 
 UNTOUCHED, CUT, EMPTY, FULL, LOST = 0, 1, 2, 3, 5
-"""What a cut did: nothing, cut, left nothing of the cell, found the work arrays too small, or met rounding too large."""
+"""What a cut did: nothing, cut, left nothing, found the work arrays too small, or met rounding too large."""
 
 MOST_LEFT = 1000.0
 """How far beyond a plane rounding may leave a vertex, relative to the slack."""

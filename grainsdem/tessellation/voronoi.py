@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from grainsdem.errors import InputError, ShapeError, name_offenders
+from grainsdem.errors import GrainsDEMError, InputError, ShapeError, name_offenders
+from grainsdem.geometry.integrals import volumes
 from grainsdem.model import Polyhedra, Tessellation
 from grainsdem.points.check import check_seeds
+from grainsdem.ragged import owners
 from grainsdem.tessellation.frame import Frame
 from grainsdem.tessellation.full import full_cells
 from grainsdem.tessellation.tree import build
@@ -22,6 +24,10 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from grainsdem.model import Domain
+
+
+VOLUME_TOLERANCE = 1e-11
+"""What the sum of the volumes may be off, relative to the domain: some 1e-15 for all but nearly coincident seeds."""
 
 
 def tessellate(seeds: ArrayLike, domain: Domain, *, weights: ArrayLike | None = None) -> Tessellation:
@@ -47,6 +53,9 @@ def tessellate(seeds: ArrayLike, domain: Domain, *, weights: ArrayLike | None = 
         If the seeds or the weights have the wrong shape.
     InputError
         If seeds are outside the domain, not finite or equal to one another, or a weight is not finite.
+    GrainsDEMError
+        If the cells cannot be told apart in double precision, as may be where several seeds are nearer to one another
+        than some 1e-8 of the domain.
 
     Notes
     -----
@@ -67,7 +76,26 @@ def tessellate(seeds: ArrayLike, domain: Domain, *, weights: ArrayLike | None = 
     relative = (given - given.mean()) / frame.scale**2
     cells = full_cells(build(frame.inward(sites), relative), frame)
     polyhedra = Polyhedra(cells.vertices, cells.vertex_offsets, cells.face_offsets, cells.corners, cells.corner_offsets)
-    return Tessellation(domain, sites, given, polyhedra, cells.neighbors, cells.shifts)
+    result = Tessellation(domain, sites, given, polyhedra, cells.neighbors, cells.shifts)
+    _check_volume(result)
+    return result
+
+
+def _check_volume(cells: Tessellation) -> None:
+    """Refuse cells that do not fill their domain, and name the seeds that are nearest to each other."""
+    total = float(volumes(cells.cells).sum())
+    if abs(total / cells.domain.volume - 1) <= VOLUME_TOLERANCE:
+        return
+    i, j = owners(cells.cells.face_offsets), cells.neighbors.astype(np.int64)
+    inner = np.flatnonzero((j >= 0) & (i < j))
+    apart = cells.sites[j[inner]] + cells.shifts[inner] * cells.domain.lengths - cells.sites[i[inner]]
+    distances = np.linalg.norm(apart, axis=1)
+    nearest = inner[np.argsort(distances, kind="stable")]
+    pairs = name_offenders([f"{a}–{b}" for a, b in zip(i[nearest], j[nearest], strict=True)][:5])
+    raise GrainsDEMError(
+        f"the cells' volumes sum to {total / cells.domain.volume!r} of the domain's: double precision cannot tell the "
+        f"cells of seeds apart that are as near as {distances.min(initial=np.inf):.3g} m; the nearest are {pairs}"
+    )
 
 
 def check_weights(weights: ArrayLike | None, n: int) -> NDArray[np.float64]:
