@@ -43,7 +43,7 @@ def gap_of(first, second, offset, turns=(PLAIN, PLAIN)):
 
 def standing(solids, i):
     """The vertices of a body as it stands."""
-    return solids.vertices[solids.vertex_offsets[i] : solids.vertex_offsets[i + 1]]
+    return solids.vertices[slice(*solids.vertex_ranges[i])]
 
 
 def minkowski_depth(first, second):

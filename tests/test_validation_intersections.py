@@ -10,6 +10,7 @@ import pytest
 from conftest import cube_packing
 
 from grainsdem.errors import GrainsDEMError
+from grainsdem.geometry.pairs.bodies import standing
 from grainsdem.geometry.separation import bodies, offsets_between
 from grainsdem.validation import intersections, worker
 from grainsdem.validation.intersections import intersection_volumes
@@ -50,7 +51,7 @@ def test_a_mesh_that_manifold3d_does_not_accept_has_no_volume_to_share():
     _, solids, pairs, offsets = arguments(rods(3))
     block = (
         np.arange(3),
-        solids.vertices, solids.vertex_offsets, np.array([[0, 2, 1]] * 3, np.uint64), np.array([0, 1, 2, 3]),
+        *standing(solids, np.arange(3)), np.array([[0, 2, 1]] * 3, np.uint64), np.array([0, 1, 2, 3]),
         pairs.astype(np.int64), offsets,
     )  # fmt: skip
     assert np.isnan(worker.run(block, {})).all()

@@ -21,6 +21,7 @@ from grainsdem.geometry.pairs.patches import (
     take_face,
 )
 from grainsdem.geometry.pairs.penetration import along, search_edges, search_faces
+from grainsdem.ragged import offsets_from_counts, take_indices
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -108,7 +109,8 @@ def measure_gaps(solids: Bodies, pairs: NDArray[np.int32], offsets: Floats, limi
     a, b, c, d = (np.zeros((m, 3)) for _ in range(4))
     result = Gaps(np.full(m, np.inf), a, b, c, d, np.zeros(m), np.zeros((m, 2), dtype=np.int8))
     room = 2 * int(np.diff(solids.corner_offsets).max(initial=2)) + 8  # a clipped polygon has corners of both
-    _measure(solids, _plain(pairs, np.int32), _plain(offsets, np.float64), float(limit), room, result)
+    turns = _in_space(solids, pairs[:, 0])
+    _measure(solids, _plain(pairs, np.int32), _plain(offsets, np.float64), turns, float(limit), room, result)
     return result
 
 
@@ -165,32 +167,56 @@ def certify(solids: Bodies, pairs: NDArray[np.int32], offsets: Floats) -> tuple[
     return normals, margins
 
 
+def _in_space(solids: Bodies, firsts: NDArray[np.int32]) -> NDArray[np.int64]:
+    """Return the pairs in the order in which their first grains lie in memory, and so in space."""
+    starts = solids.vertex_ranges[:, 0]
+    if (firsts[1:] < firsts[:-1]).any():
+        return np.argsort(starts[firsts], kind="stable")
+    # Pairs sorted by id, as most are: whole grains are put in order instead of their pairs.
+    groups = offsets_from_counts(np.bincount(firsts, minlength=starts.size))
+    return take_indices(groups, np.argsort(starts, kind="stable"))[0]
+
+
 def _plain(array: NDArray[Any], dtype: type) -> NDArray[Any]:
     """Return the array in the one layout that the kernels are compiled for: another would compile them again."""
     return np.require(array, dtype, ["C", "W"])
 
 
 @njit(cache=True, parallel=True)
-def _measure(solids: Bodies, pairs: NDArray[np.int32], offsets: Floats, limit: float, room: int, out: Gaps) -> None:
+def _measure(
+    solids: Bodies,
+    pairs: NDArray[np.int32],
+    offsets: Floats,
+    turns: NDArray[np.int64],
+    limit: float,
+    room: int,
+    out: Gaps,
+) -> None:
     m = len(pairs)
     # numba's threads write into arrays, not into arrays inside a tuple: they get a tuple of their own.
     gaps, normals, firsts, seconds, centres, areas, features = out
     for block in prange((m + CHUNK - 1) // CHUNK):
         start, stop = block * CHUNK, min(m, (block + 1) * CHUNK)
         part = Gaps(gaps, normals, firsts, seconds, centres, areas, features)
-        _measure_block(solids, pairs, offsets, limit, room, start, stop, part)
+        _measure_block(solids, pairs, offsets, turns[start:stop], limit, room, part)
 
 
 @njit(cache=True)
 def _measure_block(
-    solids: Bodies, pairs: NDArray[np.int32], offsets: Floats, limit: float, room: int, start: int, stop: int, out: Gaps
+    solids: Bodies,
+    pairs: NDArray[np.int32],
+    offsets: Floats,
+    turns: NDArray[np.int64],
+    limit: float,
+    room: int,
+    out: Gaps,
 ) -> None:
     """Measure the pairs of one block, with scratch of its own."""
     simplex, patch = make_simplex(), make_patch(room)
     pa, pb = np.empty(3), np.empty(3)
     picked, segments = np.empty(2, dtype=np.int64), np.empty((4, 3))
     n = simplex.nearest
-    for row in range(start, stop):
+    for row in turns:
         a, b = pairs[row, 0], pairs[row, 1]
         t = offsets[row]
         # Most grains of a fresh packing face each other with parallel faces: their planes prove their distance.
@@ -277,7 +303,7 @@ def _solve_near(
         # Apart, and the closest points are known; the plane only bounds their distance from below.
         return best if apart - best > 1e-9 * size else apart
     if picked[0] >= 0:
-        x, va, vb = solids.vertices, solids.vertex_offsets[a], solids.vertex_offsets[b]
+        x, va, vb = solids.vertices, solids.vertex_ranges[a, 0], solids.vertex_ranges[b, 0]
         for c in range(3):
             for end in range(2):
                 segments[end, c] = x[va + solids.edges[picked[0], end], c]
@@ -293,11 +319,11 @@ def _find_deepest(solids: Bodies, a: int, b: int, t: Floats, gap: float, n: Floa
     """Fill the deepest points of bodies whose shortest way out is along a face normal of one of them."""
     x, normals = solids.vertices, solids.normals
     of_a = False
-    for f in range(solids.face_offsets[a], solids.face_offsets[a + 1]):
+    for f in range(solids.face_ranges[a, 0], solids.face_ranges[a, 1]):
         of_a = of_a or (normals[f, 0] == n[0] and normals[f, 1] == n[1] and normals[f, 2] == n[2])
     other, sign = (b, -1.0) if of_a else (a, 1.0)
     high = -np.inf
-    for k in range(solids.vertex_offsets[other], solids.vertex_offsets[other + 1]):
+    for k in range(solids.vertex_ranges[other, 0], solids.vertex_ranges[other, 1]):
         s = sign * (n[0] * x[k, 0] + n[1] * x[k, 1] + n[2] * x[k, 2])
         if s > high:
             high = s

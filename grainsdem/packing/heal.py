@@ -124,7 +124,7 @@ def _heights(solids: Bodies, grains: NDArray[np.int32], directions: Floats) -> F
     """Return how far each grain reaches from its position along a direction."""
     return np.array(
         [
-            (solids.vertices[solids.vertex_offsets[i] : solids.vertex_offsets[i + 1]] @ n).max()
+            (solids.vertices[solids.vertex_ranges[i, 0] : solids.vertex_ranges[i, 1]] @ n).max()
             for i, n in zip(grains.tolist(), directions, strict=True)
         ]
     )

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Self, cast
 import numpy as np
 
 from grainsdem.errors import GrainsDEMError
+from grainsdem.geometry.pairs.bodies import standing
 from grainsdem.geometry.triangles import triangles
 from grainsdem.ragged import take_indices
 from grainsdem.validation import worker
@@ -180,11 +181,11 @@ def _by_place(solids: Bodies, pairs: NDArray[np.int32]) -> NDArray[np.int64]:
 def _block(solids: Bodies, mesh: Triangles, pairs: NDArray[np.int32], offsets: Floats, length: float) -> Block:
     """Gather the grains of some pairs and number them afresh."""
     ids = np.unique(pairs).astype(np.int64)
-    vertices, vertex_offsets = take_indices(solids.vertex_offsets, ids)
+    vertices, vertex_offsets = standing(solids, ids)
     corners, corner_offsets = take_indices(mesh.offsets, ids)
     return (
         ids,
-        solids.vertices[vertices] / length,
+        vertices / length,
         vertex_offsets,
         mesh.indices[corners].astype(np.uint64),
         corner_offsets,

@@ -203,10 +203,10 @@ def descend(
     x = solids.vertices
     v, w = simplex.nearest, simplex.points
     a0, a1, b0, b1 = (
-        solids.vertex_offsets[a],
-        solids.vertex_offsets[a + 1],
-        solids.vertex_offsets[b],
-        solids.vertex_offsets[b + 1],
+        solids.vertex_ranges[a, 0],
+        solids.vertex_ranges[a, 1],
+        solids.vertex_ranges[b, 0],
+        solids.vertex_ranges[b, 1],
     )
     tx, ty, tz = offset[0], offset[1], offset[2]
     v[0], v[1], v[2] = tx, ty, tz

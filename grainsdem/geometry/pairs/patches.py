@@ -68,7 +68,7 @@ def take_face(solids: Bodies, a: int, face: int, polygon: NDArray[np.int64]) -> 
     start = solids.corner_offsets[face]
     count = solids.corner_offsets[face + 1] - start
     for c in range(count):
-        polygon[c] = solids.vertex_offsets[a] + solids.corners[start + c]
+        polygon[c] = solids.vertex_ranges[a, 0] + solids.corners[start + c]
     return int(count)
 
 
@@ -81,14 +81,14 @@ def find_facing(solids: Bodies, a: int, b: int, t: Floats, n: Floats) -> tuple[i
     normals = solids.normals
     face, other = -1, -1
     best, least = -np.inf, np.inf
-    for f in range(solids.face_offsets[a], solids.face_offsets[a + 1]):
+    for f in range(solids.face_ranges[a, 0], solids.face_ranges[a, 1]):
         s = normals[f, 0] * t[0] + normals[f, 1] * t[1] + normals[f, 2] * t[2]
         if s > best:
             best, face = s, f
     if face < 0:
         return face, other
     n[0], n[1], n[2] = normals[face, 0], normals[face, 1], normals[face, 2]
-    for f in range(solids.face_offsets[b], solids.face_offsets[b + 1]):
+    for f in range(solids.face_ranges[b, 0], solids.face_ranges[b, 1]):
         s = n[0] * normals[f, 0] + n[1] * normals[f, 1] + n[2] * normals[f, 2]
         if s < least:
             least, other = s, f
@@ -125,9 +125,9 @@ def share_patch(solids: Bodies, count_a: int, count_b: int, t: Floats, n: Floats
 def find_feature(solids: Bodies, a: int, nx: float, ny: float, nz: float, polygon: NDArray[np.int64]) -> int:
     """Fill the corners of what body ``a`` touches with in a direction; return their number."""
     x, edges = solids.vertices, solids.edges
-    v0, v1 = solids.vertex_offsets[a], solids.vertex_offsets[a + 1]
+    v0, v1 = solids.vertex_ranges[a, 0], solids.vertex_ranges[a, 1]
     face, widest = -1, 0.0
-    for f in range(solids.face_offsets[a], solids.face_offsets[a + 1]):
+    for f in range(solids.face_ranges[a, 0], solids.face_ranges[a, 1]):
         c = nx * solids.normals[f, 0] + ny * solids.normals[f, 1] + nz * solids.normals[f, 2]
         # 1 - cos θ = θ²/2; the largest face, as slivers may lie beside the one that carries the contact.
         if c >= 1.0 - 0.5 * PARALLEL * PARALLEL and solids.areas[f] > widest:
@@ -141,7 +141,7 @@ def find_feature(solids: Bodies, a: int, nx: float, ny: float, nz: float, polygo
             high, top = s, k
     polygon[0] = top
     longest = 0.0
-    for e in range(solids.edge_offsets[a], solids.edge_offsets[a + 1]):
+    for e in range(solids.edge_ranges[a, 0], solids.edge_ranges[a, 1]):
         p, q = v0 + edges[e, 0], v0 + edges[e, 1]
         at_p = nx * x[p, 0] + ny * x[p, 1] + nz * x[p, 2]
         at_q = nx * x[q, 0] + ny * x[q, 1] + nz * x[q, 2]

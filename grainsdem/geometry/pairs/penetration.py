@@ -27,9 +27,9 @@ def along(solids: Bodies, a: int, b: int, t: NDArray[np.float64], nx: float, ny:
     """Return how far body b lies beyond body a along a direction; negative where they overlap along it."""
     x = solids.vertices
     high, low = -np.inf, np.inf
-    for k in range(solids.vertex_offsets[a], solids.vertex_offsets[a + 1]):
+    for k in range(solids.vertex_ranges[a, 0], solids.vertex_ranges[a, 1]):
         high = max(high, nx * x[k, 0] + ny * x[k, 1] + nz * x[k, 2])
-    for k in range(solids.vertex_offsets[b], solids.vertex_offsets[b + 1]):
+    for k in range(solids.vertex_ranges[b, 0], solids.vertex_ranges[b, 1]):
         low = min(low, nx * x[k, 0] + ny * x[k, 1] + nz * x[k, 2])
     return float(low + (nx * t[0] + ny * t[1] + nz * t[2]) - high)
 
@@ -66,7 +66,7 @@ def search_faces(
     ``pa`` lies in body a and ``pb`` in body b: along a face's normal b reaches at least as deep as ``pb`` lies.
     """
     fa0, fa1, fb0, fb1 = (
-        solids.face_offsets[a], solids.face_offsets[a + 1], solids.face_offsets[b], solids.face_offsets[b + 1],
+        solids.face_ranges[a, 0], solids.face_ranges[a, 1], solids.face_ranges[b, 0], solids.face_ranges[b, 1],
     )  # fmt: skip
     qx, qy, qz = pa[0] - t[0], pa[1] - t[1], pa[2] - t[2]
     # The shallowest face first: it prunes nearly all others.
@@ -100,16 +100,16 @@ def search_edges(
     Fills its direction ``n`` and the two edges ``picked``. ``pb`` lies in body b.
     """
     x, edges, normals = solids.vertices, solids.edges, solids.normals
-    va, vb = solids.vertex_offsets[a], solids.vertex_offsets[b]
-    fa, fb = solids.face_offsets[a], solids.face_offsets[b]
-    for e in range(solids.edge_offsets[a], solids.edge_offsets[a + 1]):
+    va, vb = solids.vertex_ranges[a, 0], solids.vertex_ranges[b, 0]
+    fa, fb = solids.face_ranges[a, 0], solids.face_ranges[b, 0]
+    for e in range(solids.edge_ranges[a, 0], solids.edge_ranges[a, 1]):
         u, w = fa + edges[e, 2], fa + edges[e, 3]
         # A direction between u and w is at least as deep as the shallower of the two planes above pb.
         if min(_room(solids, u, pb[0], pb[1], pb[2]), _room(solids, w, pb[0], pb[1], pb[2])) > -best:
             continue
         p, q = va + edges[e, 0], va + edges[e, 1]
         dx, dy, dz = x[q, 0] - x[p, 0], x[q, 1] - x[p, 1], x[q, 2] - x[p, 2]
-        for g in range(solids.edge_offsets[b], solids.edge_offsets[b + 1]):
+        for g in range(solids.edge_ranges[b, 0], solids.edge_ranges[b, 1]):
             c, d = fb + edges[g, 2], fb + edges[g, 3]
             # The arcs u to w and -c to -d of the Gauss map must cross.
             c_side = normals[c, 0] * dx + normals[c, 1] * dy + normals[c, 2] * dz

@@ -80,7 +80,7 @@ def _touch(solids: Bodies, grains: NDArray[np.int64], heights: Floats, n: Floats
     for row in range(grains.size):
         a = grains[row]
         low, lowest = np.inf, -1
-        for k in range(solids.vertex_offsets[a], solids.vertex_offsets[a + 1]):
+        for k in range(solids.vertex_ranges[a, 0], solids.vertex_ranges[a, 1]):
             s = n[0] * x[k, 0] + n[1] * x[k, 1] + n[2] * x[k, 2]
             if s < low:
                 low, lowest = s, k
