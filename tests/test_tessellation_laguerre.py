@@ -9,6 +9,7 @@ from test_tessellation_voronoi import check_laws
 from grainsdem.errors import ConvergenceError, InputError, ShapeError
 from grainsdem.geometry.integrals import integrate, volumes
 from grainsdem.model import Domain
+from grainsdem.packing import carve
 from grainsdem.points import halton, poisson
 from grainsdem.tessellation import sized_cells, tessellate
 
@@ -34,6 +35,7 @@ def test_an_empty_cell_has_no_vertices_and_no_faces_and_no_neighbour_sees_it():
     assert np.diff(cells.cells.face_offsets).tolist() == [6, 0, 6]
     assert np.diff(cells.cells.vertex_offsets).tolist() == [8, 0, 8]
     assert 1 not in cells.neighbors
+    assert len(carve(cells, keep="all")) == 2
 
 
 @pytest.mark.unit

@@ -51,7 +51,9 @@ def carve(
     owner = owners(cells.cells.face_offsets)
     at_wall = np.zeros(len(cells), dtype=bool)
     at_wall[owner[cells.neighbors < 0]] = True
-    kept = np.arange(len(cells)) if keep == "all" else np.flatnonzero(~at_wall)
+    # A Laguerre cell may be empty: it is no grain.
+    has_faces = np.diff(cells.cells.face_offsets) > 0
+    kept = np.flatnonzero(has_faces if keep == "all" else has_faces & ~at_wall)
     if kept.size == 0:
         raise InputError(
             f"all {len(cells)} cells touch a wall and would be dropped; use more seeds, a periodic domain or keep='all'"
@@ -60,7 +62,7 @@ def carve(
     new_ids = np.full(len(cells), DROPPED, dtype=np.int32)
     new_ids[kept] = np.arange(kept.size)
     neighbors = cells.neighbors[faces]
-    neighbors = np.where(neighbors < 0, neighbors, new_ids[neighbors])
+    neighbors = np.where(neighbors < 0, neighbors, new_ids[np.maximum(neighbors, 0)])
     measured = integrate(grains)
     centred = grains.vertices - np.repeat(measured.centroids, np.diff(grains.vertex_offsets), axis=0)
     return Packing(

@@ -193,6 +193,11 @@ def _one_sided(face_offsets, neighbors, shifts):  # type: ignore[no-untyped-def]
     return result
 
 
+def compilations() -> int:
+    """Return how often the kernel of the full pass was compiled in this process, and not loaded from the cache."""
+    return sum(_grow_cells.stats.cache_misses.values())
+
+
 def _pass(
     tree: Tree,
     frame: Frame,
