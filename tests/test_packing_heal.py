@@ -63,3 +63,13 @@ def test_grains_that_are_far_enough_apart_are_left_as_they_are(fresh):
 def test_healing_that_cannot_be_done_is_refused(options, message):
     with pytest.raises(InputError, match=message):
         heal(cube_packing([[2.0, 5, 5], [4, 5, 5]]), **options)
+
+
+@pytest.mark.unit
+@pytest.mark.parametrize("each", ["grain", "uniform"])
+def test_a_grain_that_reaches_through_a_wall_is_healed_too(each):
+    packing = cube_packing([[1 - 0.02, 5, 5], [5, 5, 5]])
+    assert not validate(packing).ok
+    healed = heal(packing, gap=0.01, each=each)
+    assert validate(healed.packing).ok
+    np.testing.assert_allclose(healed.scales, [0.97, 1.0 if each == "grain" else 0.97], rtol=1e-12)

@@ -10,6 +10,7 @@ import numpy as np
 from grainsdem.errors import InputError
 from grainsdem.geometry.bounds import near_images
 from grainsdem.geometry.integrals import integrate
+from grainsdem.geometry.pairs.walls import measure_wall_gaps
 from grainsdem.geometry.separation import bodies, measure_gaps, measure_near, offsets_between
 from grainsdem.model import Packing, Polyhedra
 
@@ -50,7 +51,7 @@ class Healed:
 
 
 def heal(packing: Packing, *, gap: float = 0.0, each: Literal["uniform", "grain"] = "grain") -> Healed:
-    """Return the grains scaled about their centroids by as little as makes every pair at least ``gap`` apart.
+    """Return the grains scaled about their centroids by as little as leaves ``gap`` between all, and to the walls.
 
     Parameters
     ----------
@@ -91,20 +92,27 @@ def heal(packing: Packing, *, gap: float = 0.0, each: Literal["uniform", "grain"
     heights = _heights(solids, pairs[:, 0], normals) + _heights(solids, pairs[:, 1], -normals)
     # A few units in the last place more, so that rounding leaves no overlap behind.
     needed = (gap - measured.gaps) / heights + 8 * np.finfo(float).eps
-    if needed.max(initial=0.0) >= 1:
-        raise InputError(f"grains overlap too far to be healed: a contact needs {needed.max():.3g} of its grains' size")
+    at_walls, walls = measure_wall_gaps(solids, packing.positions, packing.domain, gap)
+    reached = (gap - walls.gaps) / _heights(solids, at_walls[:, 1], -walls.normals) + 8 * np.finfo(float).eps
+    reached[walls.gaps >= gap] = 0.0
+    enough = max(float(needed.max(initial=0.0)), float(reached.max(initial=0.0)))
+    if enough >= 1:
+        raise InputError(f"grains overlap too far to be healed: a contact needs {enough:.3g} of its grains' size")
     insets = np.zeros(len(packing))
     if each == "uniform":
-        insets[:] = _refine(solids, pairs, between, gap, float(needed.max(initial=0.0)))
+        insets[:] = _refine(solids, pairs, between, gap, least=float(reached.max(initial=0.0)), enough=enough)
     else:
         np.maximum.at(insets, pairs[:, 0], needed)
         np.maximum.at(insets, pairs[:, 1], needed)
+        np.maximum.at(insets, at_walls[:, 1], reached)
     return _scaled(packing, 1.0 - insets, gap, each)
 
 
-def _refine(solids: Bodies, pairs: NDArray[np.int32], between: Floats, gap: float, enough: float) -> float:
-    """Return the smallest uniform inset, between none and what is enough."""
-    low, high = 0.0, enough
+def _refine(
+    solids: Bodies, pairs: NDArray[np.int32], between: Floats, gap: float, *, least: float, enough: float
+) -> float:
+    """Return the smallest uniform inset, between what the walls need and what is enough."""
+    low, high = least, enough
     for _ in range(STEPS):
         middle = 0.5 * (low + high)
         if middle in (low, high):
