@@ -13,12 +13,31 @@ from .errors import (
 )
 from .geometry.integrals import centroids, face_planes, inertia_tensors, integrate, surface_areas, volumes
 from .geometry.rotations import world_vertices
-from .measures import core_box, diameters, masses, percentiles, porosity, sphericities, summary, table
+from .measures import (
+    anisotropy,
+    branch_vectors,
+    components,
+    coordination_curve,
+    core_box,
+    degree_distribution,
+    diameters,
+    fabric_tensor,
+    masses,
+    mean_coordination,
+    percentiles,
+    porosity,
+    rattlers,
+    sphericities,
+    summary,
+    table,
+    write_csv,
+    write_edges,
+)
 from .model import CellLinks, Check, ContactGraph, Domain, Packing, Polyhedra, Report, Tessellation
-from .packing import carve, contacts, rescale, shrink, shuffle
+from .packing import Healed, carve, contacts, heal, neighbor_contacts, rescale, shrink, shuffle
 from .storage import load, load_history, save
-from .tessellation import relax, tessellate
-from .validation import validate
+from .tessellation import Relaxation, relax, relaxation, sized_cells, tessellate
+from .validation import compare, validate
 
 __version__: str
 
@@ -29,11 +48,13 @@ __all__ = [
     "Domain",
     "FileFormatError",
     "GrainsDEMError",
+    "Healed",
     "InputError",
     "MissingFileError",
     "MissingPackageError",
     "Packing",
     "Polyhedra",
+    "Relaxation",
     "Report",
     "SettleReport",
     "Settled",
@@ -42,28 +63,41 @@ __all__ = [
     "UnstableError",
     "ValidationError",
     "WriteError",
+    "anisotropy",
+    "branch_vectors",
     "carve",
     "centroids",
+    "compare",
+    "components",
     "contacts",
+    "coordination_curve",
     "core_box",
+    "degree_distribution",
     "diameters",
+    "fabric_tensor",
     "face_planes",
     "figures",
+    "heal",
     "inertia_tensors",
     "integrate",
     "load",
     "load_history",
     "masses",
+    "mean_coordination",
+    "neighbor_contacts",
     "percentiles",
     "points",
     "porosity",
+    "rattlers",
     "recipe",
     "relax",
+    "relaxation",
     "rescale",
     "save",
     "settle",
     "shrink",
     "shuffle",
+    "sized_cells",
     "sphericities",
     "summary",
     "surface_areas",
@@ -72,4 +106,6 @@ __all__ = [
     "validate",
     "volumes",
     "world_vertices",
+    "write_csv",
+    "write_edges",
 ]
