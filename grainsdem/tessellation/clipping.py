@@ -28,6 +28,7 @@ from __future__ import annotations
 
 from math import sqrt
 
+import numpy as np
 from numba import njit
 
 UNTOUCHED, CUT, EMPTY, FULL, LOST = 0, 1, 2, 3, 5
@@ -204,7 +205,7 @@ def cut(geo, tri, planes, tags, n_tri, n_planes, rx, ry, rz, half, slack):  # ty
         return EMPTY, 0
     if n_planes >= planes.shape[1] or n_tri + 2 >= geo.shape[1]:
         return FULL, n_tri
-    seed = 0
+    seed = np.int64(0)  # typed: a literal would have numba compile every callee twice
     for t in range(1, n_tri):
         if geo[4, t] > geo[4, seed]:
             seed = t

@@ -65,7 +65,7 @@ def _emit(work, n_tri, n_planes, tolerance, vertices, counts, ids, codes, corner
         for axis in range(3):
             vertices[t, axis] = geo[axis, t]
             tags[2, tri[axis, t]] = t
-    n_faces = n_corners = 0
+    n_faces = n_corners = np.int64(0)  # typed: a literal would have numba compile every callee twice
     for p in range(n_planes):
         first = tags[2, p]
         if first < 0:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from math import sqrt
 
+import numpy as np
 from numba import njit
 
 from grainsdem.tessellation.clipping import CUT, HOME, UNTOUCHED, cut, start_box
@@ -280,7 +281,8 @@ def grow(place, tree, frame, banned, around, named, count, known, work):  # type
     x, y, z = points[place, 0], points[place, 1], points[place, 2]
     gain = boxes[1, 6] - weights[place]
     start_box(geo, tri, planes, tags, x, y, z, lengths, periodic, order[place])
-    n_tri, n_planes = 8, 6
+    # Typed: a literal would have numba compile every callee twice.
+    n_tri, n_planes = np.int64(8), np.int64(6)
     for w in range(len(walls)):
         a, b, c = walls[w, 0], walls[w, 1], walls[w, 2]
         half = walls[w, 3] - (a * x + b * y + c * z)

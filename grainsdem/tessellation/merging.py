@@ -6,6 +6,7 @@ slivers of faces between them that only rounding made.
 
 from __future__ import annotations
 
+import numpy as np
 from numba import njit
 
 
@@ -104,7 +105,7 @@ def merge(vertices, corners, counts, ids, codes, n_vertices, n_faces, tolerance,
         changed = False
         for i in range(n_vertices):
             uses[i] = 0
-        read = write = faces = 0
+        read = write = faces = np.int64(0)  # typed: a literal would have numba compile the callee twice
         for f in range(n_faces):
             count = counts[f]
             left = _clean_loop(corners, read, count, parents, removed)
