@@ -208,7 +208,7 @@ def cut(geo, tri, planes, tags, n_tri, n_planes, rx, ry, rz, half, slack):  # ty
     seed = np.int64(0)  # typed: a literal would have numba compile every callee twice
     for t in range(1, n_tri):
         if geo[4, t] > geo[4, seed]:
-            seed = t
+            seed = np.int64(t)
     count, rim = _flood(geo, tri, limit, seed)
     length = _walk_rim(tri, tags, n_planes, count)
     if length != rim:
