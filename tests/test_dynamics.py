@@ -60,6 +60,19 @@ def test_a_coarse_run_is_refined_until_its_overlaps_are_shallow(poured):
 
 
 @pytest.mark.client
+def test_a_bed_whose_time_is_up_while_it_is_refined_is_not_at_rest(monkeypatch, poured):
+    def refine(run):
+        refine_as_ever(run)
+        run.max_time = run.scene.time() + 0.1
+
+    refine_as_ever = Run._refine
+    monkeypatch.setattr(Run, "_refine", refine)
+    report = settle(poured, time_step=0.03).report
+    assert report.refinements == 1
+    assert not report.at_rest
+
+
+@pytest.mark.client
 def test_energy_never_rises_while_settling(settled):
     energy = settled.history["total_energy"]
     assert (np.diff(energy) < 1e-4).all()

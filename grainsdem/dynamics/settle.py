@@ -284,7 +284,7 @@ class _Run:
                 if now.overlap_max <= REST_OVERLAP or self.refinements == REFINEMENTS:
                     return True
                 self._refine()
-        return self.refinements > 0
+        return False
 
     def time_in_si(self) -> float:
         """Return the time [s] of the last good sample."""
