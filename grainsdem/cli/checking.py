@@ -1,0 +1,99 @@
+"""Commands that look at a bed: validate, measure, info."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+import grainsdem
+from grainsdem.cli.options import Bed, Json, Quiet, app, err, guarded, load, out, print_json, show_summary
+
+
+@app.command()
+@guarded
+def validate(
+    bed: Bed,
+    overlap: Annotated[
+        float,
+        typer.Option(help="Largest overlap volume allowed, relative to the smaller grain; 1e-3 for settled beds."),
+    ] = 1e-9,
+    against: Annotated[
+        Path | None,
+        typer.Option(help="Also check that every grain of this packing is there, as large and where it was."),
+    ] = None,
+    method: Annotated[
+        Literal["planes", "manifold3d"],
+        typer.Option(help="Prove pairs apart by planes where that is possible, or all by manifold3d."),
+    ] = "planes",
+    json_: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Check that every grain is closed and convex, and that no two overlap; exit 1 where a check fails.
+
+    An exported file is read as the program that it is for reads it, rounding included.
+    """
+    import exporters
+    from grainsdem.recipe import counting_words
+    from grainsdem.screen import ChainProgress, print_report
+    from grainsdem.validation import SHAPE, compare
+
+    packing = load(bed)
+    original = None if against is None else load(against)
+    with ChainProgress(err, shown=not (quiet or json_)) as progress, progress.stage("Validating") as tell:
+        told = counting_words(tell, "pairs")
+        rounding = exporters.rounding(packing, bed.suffix) / float(grainsdem.diameters(packing.grains).mean())
+        report = grainsdem.validate(packing, overlap=overlap, shape=max(SHAPE, rounding), method=method, progress=told)
+        if original is not None:
+            report = grainsdem.Report((*compare(packing, original), *report.checks))
+    if json_:
+        print_json(report.to_dict())
+    elif not quiet:
+        print_report(out, str(bed), report)
+    report.raise_if_failed()
+
+
+@app.command()
+@guarded
+def measure(
+    bed: Bed,
+    within: Annotated[
+        float | None,
+        typer.Option(help="Gap [m] below which grains count as touching; 1e-3 of a diameter by default."),
+    ] = None,
+    table: Annotated[Path | None, typer.Option(help="Also write one row a grain to this .csv file.")] = None,
+    json_: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Measure a bed: porosity, grain sizes, sphericity, coordination."""
+    packing = load(bed)
+    if table is not None:
+        from grainsdem.measures import write_csv
+
+        write_csv(grainsdem.table(packing), table)
+    show_summary(packing, json_=json_, quiet=quiet, title=str(bed), within=within)
+
+
+@app.command()
+@guarded
+def info(bed: Bed, json_: Json = False, quiet: Quiet = False) -> None:
+    """Say what a file holds and what made it."""
+    from grainsdem.screen import print_info
+
+    packing = load(bed)
+    facts = {
+        "grains": len(packing),
+        "vertices": len(packing.grains.vertices),
+        "faces": packing.grains.n_faces,
+        "domain_lower": packing.domain.lower.tolist(),
+        "domain_upper": packing.domain.upper.tolist(),
+        "periodic": packing.domain.periodic.tolist(),
+        "neighbors_known": packing.links is not None,
+        "provenance": [json.loads(step) for step in packing.provenance],
+    }
+    if json_:
+        print_json(facts)
+    elif not quiet:
+        print_info(out, str(bed), facts)

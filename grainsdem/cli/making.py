@@ -1,0 +1,110 @@
+"""Commands that make a bed: demo, run, generate."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from grainsdem.cli.options import Json, Quiet, Rng, app, err, guarded, out, print_json, show_summary
+
+
+@app.command()
+@guarded
+def demo(
+    folder: Annotated[Path, typer.Option(help="Where the files go.")] = Path("grainsdem_demo"),
+    json_: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Make the main example: a bed of ASTM 20/30 Ottawa sand, from seeds to grains at rest."""
+    from grainsdem.recipe import EXAMPLE
+
+    _run(EXAMPLE, folder, json_=json_, quiet=quiet)
+
+
+@app.command()
+@guarded
+def run(
+    recipe: Annotated[Path, typer.Argument(help="A recipe (.toml).", show_default=False)],
+    folder: Annotated[
+        Path | None, typer.Option(help="Where the files go; by default a folder named like the recipe.")
+    ] = None,
+    json_: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Make the bed that a recipe describes: grow, validate, write, settle, validate, write."""
+    _run(recipe, folder or Path(recipe.stem), json_=json_, quiet=quiet)
+
+
+def _run(recipe: Path, folder: Path, *, json_: bool, quiet: bool) -> None:
+    from grainsdem import recipe as recipes
+    from grainsdem.screen import ChainProgress, print_result
+
+    wanted = recipes.read(recipe)
+    with ChainProgress(err, shown=not (quiet or json_)) as progress:
+        result = recipes.run(wanted, folder, progress)
+    if json_:
+        print_json({**result.summaries, "files": [str(path) for path in result.files]})
+    elif not quiet:
+        print_result(out, wanted.name, result)
+
+
+@app.command()
+@guarded
+def generate(
+    output: Annotated[Path, typer.Argument(help="The packing to write (.h5).", show_default=False)],
+    count: Annotated[int | None, typer.Option(help="Number of seeds.", min=1)] = None,
+    process: Annotated[Literal["halton", "poisson"], typer.Option(help="How seeds are placed.")] = "halton",
+    seeds: Annotated[
+        Path | None, typer.Option(help="Your own seeds: .txt, .csv, .npy or .npz, three columns in metres.")
+    ] = None,
+    lengths: Annotated[tuple[float, float, float], typer.Option(help="Edge lengths of the box [m].")] = (
+        1.0,
+        1.0,
+        1.0,
+    ),
+    relax: Annotated[int, typer.Option(help="Lloyd iterations: more make grains rounder and more alike.", min=0)] = 0,
+    keep: Annotated[
+        Literal["inside", "all"], typer.Option(help="Whether cells that touch a wall are dropped.")
+    ] = "inside",
+    porosity: Annotated[float | None, typer.Option(help="Void fraction, reached exactly, in [0, 1).")] = None,
+    scale: Annotated[float | None, typer.Option(help="Linear factor that grains shrink by, in (0, 1].")] = None,
+    median_diameter: Annotated[
+        float | None, typer.Option(help="Median diameter by mass [m]: the whole bed is scaled to it.")
+    ] = None,
+    density: Annotated[float, typer.Option(help="Density [kg/m³].")] = 2650.0,
+    rng: Rng = 0,
+    json_: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Grow a bed of grains from seeds and write it as HDF5."""
+    from grainsdem import recipe as recipes
+    from grainsdem import storage
+    from grainsdem.screen import ChainProgress
+
+    storage.check_suffix(output)
+    if porosity is None and scale is None:
+        scale = 1.0
+    wanted = recipes.make(
+        name=output.stem,
+        rng=rng,
+        domain={"lengths": lengths},
+        seeds={
+            "process": "file" if seeds else process,
+            "count": count,
+            "path": None if seeds is None else str(seeds),
+            "relax": relax,
+        },
+        grains={
+            "keep": keep,
+            "porosity": porosity,
+            "scale": scale,
+            "median_diameter": median_diameter,
+            "density": density,
+        },
+    )
+    with ChainProgress(err, shown=not (quiet or json_)) as progress:
+        packing = recipes.grow(wanted, progress)
+    storage.save(packing, output)
+    show_summary(packing, json_=json_, quiet=quiet, title=str(output))

@@ -1,0 +1,92 @@
+"""What every command shares: the application, its options, its errors, and how it prints."""
+
+from __future__ import annotations
+
+import functools
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+
+import grainsdem
+from grainsdem.errors import GrainsDEMError, ValidationError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from grainsdem.model import Packing
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode="rich",
+    pretty_exceptions_enable=False,
+    help="""Grow realistic granular material, prove that nothing overlaps, and hand it to physics.
+
+    Start with [bold]grainsdem demo[/bold]: a bed of Ottawa sand, grown, checked, written, poured and settled.""",
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+out = Console(soft_wrap=True)
+err = Console(stderr=True, soft_wrap=True)
+
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
+Bed = Annotated[
+    Path,
+    typer.Argument(help="A packing: .h5, or a file we exported (.xml, .usda, .usdc, .stl, .obj).", show_default=False),
+]
+Rng = Annotated[int, typer.Option(help="Seed of everything that is random.", min=0)]
+
+
+def guarded(command: Callable[..., None]) -> Callable[..., None]:
+    """Turn errors on purpose into one line and an exit code."""
+
+    @functools.wraps(command)
+    def run_guarded(*args: Any, **kwargs: Any) -> None:
+        try:
+            command(*args, **kwargs)
+        except ValidationError as error:
+            complain(f"check failed: {error}")
+            raise typer.Exit(1) from None
+        except GrainsDEMError as error:
+            complain(f"error: {error}")
+            raise typer.Exit(2) from None
+        except KeyboardInterrupt as interrupt:
+            kept = getattr(interrupt, "__notes__", [])
+            complain("; ".join(["interrupted", *kept]))
+            raise typer.Exit(130) from None
+
+    return run_guarded
+
+
+def complain(line: str) -> None:
+    """Print one line to the error stream."""
+    err.print(" ".join(line.split()), markup=False, highlight=False, style="red" if err.is_terminal else None)
+
+
+def load(path: Path) -> Packing:
+    """Return a packing from HDF5, or from a format that we can read back."""
+    import exporters
+
+    return exporters.read(path) if path.suffix.lower() in exporters.READERS else grainsdem.load(path)
+
+
+def show_summary(packing: Packing, *, json_: bool, quiet: bool, title: str, within: float | None = None) -> None:
+    """Print what a bed measures."""
+    from grainsdem.screen import print_summary
+
+    if quiet and not json_:
+        return
+    summary = grainsdem.summary(packing, grainsdem.contacts(packing, within=within))
+    if json_:
+        print_json(summary)
+    else:
+        print_summary(out, title, summary)
+
+
+def print_json(value: Any) -> None:
+    """Print one JSON document."""
+    sys.stdout.write(json.dumps(value, indent=2) + "\n")
