@@ -59,11 +59,19 @@ def generate(
     seeds: Annotated[
         Path | None, typer.Option(help="Your own seeds: .txt, .csv, .npy or .npz, three columns in metres.")
     ] = None,
-    lengths: Annotated[tuple[float, float, float], typer.Option(help="Edge lengths of the box [m].")] = (
-        1.0,
-        1.0,
-        1.0,
-    ),
+    shape: Annotated[
+        Literal["box", "slab", "cylinder", "hopper"],
+        typer.Option(help="What grains grow in; a slab is one grain thick: two-dimensional work."),
+    ] = "box",
+    lengths: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(help="Edge lengths of a box [m], by default 1 1 1, or of a slab, its thickness last."),
+    ] = None,
+    periodic: Annotated[str, typer.Option(help="Axes that wrap around, such as xy.")] = "",
+    radius: Annotated[float | None, typer.Option(help="Radius of a cylinder [m].")] = None,
+    height: Annotated[float | None, typer.Option(help="Height of a cylinder or hopper [m].")] = None,
+    top: Annotated[tuple[float, float] | None, typer.Option(help="Lengths of a hopper's upper opening [m].")] = None,
+    bottom: Annotated[tuple[float, float] | None, typer.Option(help="Lengths of a hopper's lower opening [m].")] = None,
     relax: Annotated[int, typer.Option(help="Lloyd iterations: more make grains rounder and more alike.", min=0)] = 0,
     keep: Annotated[
         Literal["inside", "all"], typer.Option(help="Whether cells that touch a wall are dropped.")
@@ -89,7 +97,15 @@ def generate(
     wanted = recipes.make(
         name=output.stem,
         rng=rng,
-        domain={"lengths": lengths},
+        domain={
+            "shape": shape,
+            "lengths": lengths,
+            "periodic": periodic,
+            "radius": radius,
+            "height": height,
+            "top": top,
+            "bottom": bottom,
+        },
         seeds={
             "process": "file" if seeds else process,
             "count": count,

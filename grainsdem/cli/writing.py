@@ -43,7 +43,7 @@ def render(
     color_by: Annotated[str, typer.Option(help="What colours the grains.")] = "diameter",
     quiet: Quiet = False,
 ) -> None:
-    """Draw a bed (needs PyVista: pip install "grainsdem\\[viz]")."""
+    r"""Draw a bed (needs PyVista: pip install "grainsdem\[viz]")."""
     path = grainsdem.figures.render(load(bed), picture, color_by=color_by)
     if not quiet:
         out.print(f"wrote {path}", highlight=False)

@@ -1,16 +1,8 @@
 """A bed described in a TOML file, read into a typed model, and the chain that makes it."""
 
-from grainsdem.recipe.chain import (
-    Monitor,
-    Result,
-    Silent,
-    counting_words,
-    grow,
-    keeping_last_good,
-    run,
-    settling_words,
-)
+from grainsdem.recipe.chain import Result, grow, keeping_last_good, run
 from grainsdem.recipe.tables import EXAMPLE, Recipe, make, parse, read
+from grainsdem.recipe.words import Monitor, Silent, counting_words, settling_words
 
 __all__ = [
     "EXAMPLE",

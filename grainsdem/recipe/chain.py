@@ -3,50 +3,32 @@
 from __future__ import annotations
 
 import json
-import math
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 import exporters
-from grainsdem import figures, points, storage
+from grainsdem import figures, storage
 from grainsdem.atomic import replacing
-from grainsdem.dynamics import Progress, Settled, settle
+from grainsdem.dynamics import Settled, settle
 from grainsdem.errors import UnstableError, WriteError
-from grainsdem.measures import diameters, masses, percentiles, summary
-from grainsdem.model import Domain, Packing, Report
-from grainsdem.packing import carve, contacts, rescale, shrink, shuffle
+from grainsdem.measures import summary
+from grainsdem.packing import contacts, shuffle
+from grainsdem.recipe.grains import shape
+from grainsdem.recipe.seeds import place
 from grainsdem.recipe.tables import OutputTable, Recipe, SettleTable
+from grainsdem.recipe.words import Monitor, Silent, counting_words, settling_words
 from grainsdem.tessellation import relax, tessellate
 from grainsdem.validation import validate
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Callable, Iterator
-    from contextlib import AbstractContextManager
+    from collections.abc import Iterator
 
-    from numpy.typing import NDArray
-
-    from grainsdem.model import ContactGraph
-
-
-class Monitor(Protocol):
-    """Who is told what a chain is doing."""
-
-    def stage(self, title: str) -> AbstractContextManager[Callable[[float, str], None]]:
-        """Begin a stage; what is returned is called with the fraction done and a few words."""
-        ...
-
-
-class Silent:
-    """A monitor that tells nobody."""
-
-    def stage(self, title: str) -> AbstractContextManager[Callable[[float, str], None]]:  # noqa: ARG002  (the protocol's)
-        """Begin a stage that nobody hears of."""
-        return nullcontext(lambda _fraction, _words: None)
+    from grainsdem.model import ContactGraph, Packing, Report
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,9 +59,9 @@ class Result:
 def grow(recipe: Recipe, monitor: Monitor | None = None) -> Packing:
     """Return the bed that a recipe's seeds and grains tables describe."""
     monitor = monitor or Silent()
-    domain = Domain.box(recipe.domain.lengths)
+    domain = recipe.domain.make()
     with monitor.stage("Placing seeds"):
-        seeds = _seeds(recipe, domain)
+        seeds = place(recipe.seeds, domain, _generator(recipe, 0))
     if recipe.seeds.relax:
         with monitor.stage("Relaxing seeds") as tell:
             total = recipe.seeds.relax
@@ -90,12 +72,7 @@ def grow(recipe: Recipe, monitor: Monitor | None = None) -> Packing:
                 progress=lambda done: tell(done / total, f"iteration {done} of {total}"),
             )
     with monitor.stage("Growing grains"):
-        grains = recipe.grains
-        packing = carve(tessellate(seeds, domain), keep=grains.keep, density=grains.density)
-        packing = shrink(packing, porosity=grains.porosity, scale=grains.scale)
-        if grains.median_diameter is not None:
-            (median,) = percentiles(diameters(packing.grains), (50,), weights=masses(packing))
-            packing = rescale(packing, grains.median_diameter / float(median))
+        packing = shape(recipe.grains, tessellate(seeds, domain))
     # The recipe comes first: it is what the other steps follow from.
     first = json.dumps({"step": "recipe", **recipe.model_dump(mode="json")}, sort_keys=True)
     return replace(packing, provenance=(first, *packing.provenance))
@@ -140,16 +117,6 @@ def run(recipe: Recipe, folder: str | os.PathLike[str], monitor: Monitor | None 
     with replacing(folder / "summary.json") as temporary:
         temporary.write_text(json.dumps(summaries, indent=2) + "\n", encoding="utf-8")
     return Result(fresh, settled, reports, summaries, [*files, folder / "summary.json"])
-
-
-def _seeds(recipe: Recipe, domain: Domain) -> NDArray[np.float64]:
-    table = recipe.seeds
-    if table.path is not None:
-        return points.check_seeds(points.read(table.path), domain)
-    count = table.count or 0
-    if table.process == "poisson":
-        return points.poisson(domain, count, rng=_generator(recipe, 0))
-    return points.halton(domain, count, bases=table.bases, rng=_generator(recipe, 0))
 
 
 def _generator(recipe: Recipe, stage: int) -> np.random.Generator:
@@ -203,28 +170,3 @@ def keeping_last_good(path: Path) -> Iterator[None]:
     except UnstableError as error:
         kept = storage.save(error.last_good, path.with_name(f"{path.stem}_last_good.h5"))
         raise UnstableError(f"{error}; it is kept in {kept}", error.last_good) from error
-
-
-def counting_words(tell: Callable[[float, str], None], things: str) -> Callable[[int, int], None]:
-    """Return a callback that tells how many of how many things are done."""
-    return lambda done, total: tell(done / max(total, 1), f"{done} of {total} {things}")
-
-
-def settling_words(tell: Callable[[float, str], None]) -> Callable[[Progress], None]:
-    """Return a callback for `settle` that tells the fraction done and what is being waited for.
-
-    The energy falls by orders of magnitude: the fraction is how many of them are done since its peak, or the share
-    of the time limit where that is more.
-    """
-    peak, best = 0.0, 0.0
-
-    def hear(now: Progress) -> None:
-        nonlocal peak, best
-        peak = max(peak, now.energy)
-        fallen = 0.0
-        if peak > now.goal and now.energy > 0:
-            fallen = math.log(peak / now.energy) / math.log(peak / now.goal)
-        best = min(1.0, max(best, fallen, now.time / now.limit))
-        tell(best, f"{now.time:.3f} s, {now.energy:.0e} → {now.goal:.0e} mgd, {now.n_contacts} contacts")
-
-    return hear

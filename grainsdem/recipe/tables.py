@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import tomllib
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 import exporters
 from grainsdem.errors import FileFormatError, InputError, MissingFileError, name_offenders
-from grainsdem.model import QUARTZ_DENSITY
+from grainsdem.recipe.base import Coefficient, Positive, Table
+from grainsdem.recipe.domain import DomainTable
+from grainsdem.recipe.grains import GrainsTable
+from grainsdem.recipe.seeds import SeedsTable
 
 if TYPE_CHECKING:
     import os
@@ -18,89 +21,8 @@ if TYPE_CHECKING:
 EXAMPLE = Path(__file__).parent.parent / "ottawa_sand.toml"
 """The demo's recipe: ASTM 20/30 Ottawa sand."""
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Fraction = Annotated[float, Field(ge=0, lt=1)]
-Coefficient = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
-
-class _Table(BaseModel):
-    """A table of a recipe: unknown keys are refused."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class DomainTable(_Table):
-    """``[domain]``: the box that grains grow in.
-
-    Parameters
-    ----------
-    lengths : three numbers
-        Edge lengths [m]; only their proportions count where ``grains.median_diameter`` is given.
-    """
-
-    lengths: tuple[Positive, Positive, Positive] = (1.0, 1.0, 1.0)
-
-
-class SeedsTable(_Table):
-    """``[seeds]``: where grains grow.
-
-    Parameters
-    ----------
-    process : {"halton", "poisson", "file"}
-        Point process, or a file of your own points.
-    count : int
-        Number of seeds.
-    bases : three ints
-        Bases of Halton's sequence.
-    path : str
-        File of seeds [m], relative to the recipe, where the process is ``"file"``.
-    relax : int
-        Lloyd iterations: more make grains rounder and more alike.
-    """
-
-    process: Literal["halton", "poisson", "file"] = "halton"
-    count: Annotated[int, Field(ge=1)] | None = None
-    bases: tuple[int, int, int] = (2, 3, 5)
-    path: str | None = None
-    relax: Annotated[int, Field(ge=0)] = 0
-
-    @model_validator(mode="after")
-    def _needs_its_source(self) -> Self:
-        wanted, other = ("path", "count") if self.process == "file" else ("count", "path")
-        if getattr(self, wanted) is None or getattr(self, other) is not None:
-            raise ValueError(f"process {self.process!r} needs {wanted}, and no {other}")
-        return self
-
-
-class GrainsTable(_Table):
-    """``[grains]``: what the cells become.
-
-    Parameters
-    ----------
-    keep : {"inside", "all"}
-        Whether cells that touch a wall are dropped.
-    porosity, scale : float
-        Void fraction of the cells' region, or the linear factor that grains shrink by; one of the two.
-    median_diameter : float, optional
-        Median diameter by mass [m] that the whole bed is scaled to.
-    density : float
-        Density [kg/m³].
-    """
-
-    keep: Literal["inside", "all"] = "inside"
-    porosity: Fraction | None = None
-    scale: Annotated[float, Field(gt=0, le=1)] | None = None
-    median_diameter: Positive | None = None
-    density: Positive = QUARTZ_DENSITY
-
-    @model_validator(mode="after")
-    def _one_of_two(self) -> Self:
-        if (self.porosity is None) == (self.scale is None):
-            raise ValueError("give either porosity or scale")
-        return self
-
-
-class SettleTable(_Table):
+class SettleTable(Table):
     """``[settle]``: how the grains come to rest; leave the table out for a bed that is only grown.
 
     Parameters
@@ -130,7 +52,7 @@ class SettleTable(_Table):
     overlap: Positive = 1e-3
 
 
-class OutputTable(_Table):
+class OutputTable(Table):
     """``[output]``: what is written.
 
     Parameters
@@ -153,7 +75,7 @@ class OutputTable(_Table):
         return self
 
 
-class Recipe(_Table):
+class Recipe(Table):
     """A bed from seeds to rest.
 
     Parameters
@@ -175,7 +97,7 @@ class Recipe(_Table):
     output: OutputTable = OutputTable()
 
 
-_TABLES: dict[str, type[_Table]] = {
+_TABLES: dict[str, type[Table]] = {
     "domain": DomainTable,
     "seeds": SeedsTable,
     "grains": GrainsTable,

@@ -1,0 +1,54 @@
+"""Who is told of the progress, and in what words."""
+
+from __future__ import annotations
+
+import math
+from contextlib import nullcontext
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from contextlib import AbstractContextManager
+
+    from grainsdem.dynamics import Progress
+
+
+class Monitor(Protocol):
+    """Who is told what a chain is doing."""
+
+    def stage(self, title: str) -> AbstractContextManager[Callable[[float, str], None]]:
+        """Begin a stage; what is returned is called with the fraction done and a few words."""
+        ...
+
+
+class Silent:
+    """A monitor that tells nobody."""
+
+    def stage(self, title: str) -> AbstractContextManager[Callable[[float, str], None]]:  # noqa: ARG002  (the protocol's)
+        """Begin a stage that nobody hears of."""
+        return nullcontext(lambda _fraction, _words: None)
+
+
+def counting_words(tell: Callable[[float, str], None], things: str) -> Callable[[int, int], None]:
+    """Return a callback that tells how many of how many things are done."""
+    return lambda done, total: tell(done / max(total, 1), f"{done} of {total} {things}")
+
+
+def settling_words(tell: Callable[[float, str], None]) -> Callable[[Progress], None]:
+    """Return a callback for `settle` that tells the fraction done and what is being waited for.
+
+    The energy falls by orders of magnitude: the fraction is how many of them are done since its peak, or the share
+    of the time limit where that is more.
+    """
+    peak, best = 0.0, 0.0
+
+    def hear(now: Progress) -> None:
+        nonlocal peak, best
+        peak = max(peak, now.energy)
+        fallen = 0.0
+        if peak > now.goal and now.energy > 0:
+            fallen = math.log(peak / now.energy) / math.log(peak / now.goal)
+        best = min(1.0, max(best, fallen, now.time / now.limit))
+        tell(best, f"{now.time:.3f} s, {now.energy:.0e} → {now.goal:.0e} mgd, {now.n_contacts} contacts")
+
+    return hear
