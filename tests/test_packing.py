@@ -113,6 +113,18 @@ def test_rescaling_scales_every_length_and_keeps_the_porosity(fresh):
         rescale(fresh, 0.0)
 
 
+def test_inner_prisms_of_a_slab_are_kept_and_those_at_its_sides_dropped():
+    slab = Domain.slab((1.0, 1.0), 0.05)
+    seeds = np.column_stack([np.random.default_rng(3).random((200, 2)), np.full(200, 0.025)])
+    inner = carve(tessellate(seeds, slab))
+    corners = world_vertices(inner)
+    assert 100 < len(inner) < 200
+    assert corners[:, :2].min() > 0
+    assert corners[:, :2].max() < 1
+    wrapped = carve(tessellate(seeds, Domain.slab((1.0, 1.0), 0.05, periodic=True)))
+    assert volumes(wrapped.grains).sum() == pytest.approx(0.05, rel=1e-12)
+
+
 def test_a_planar_packing_shrinks_in_the_plane_only():
     slab = Domain.slab((1.0, 1.0), 0.1)
     packing = shrink(carve(tessellate(poisson(slab, 40, rng=2), slab), keep="all"), porosity=0.36)

@@ -15,6 +15,8 @@ from grainsdem.ragged import owners, take_indices
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
+_LOWER_Z, _UPPER_Z = -5, -6  # walls as `Domain` numbers them
+
 
 def carve(
     cells: Tessellation,
@@ -29,7 +31,8 @@ def carve(
     cells : Tessellation
         Cells of the domain.
     keep : {"inside", "all"}
-        ``"inside"`` drops every cell that touches a wall, as the paper does; ``"all"`` keeps them.
+        ``"inside"`` drops every cell that touches a wall, as the paper does; ``"all"`` keeps them. The two faces of a
+        planar domain's slab are no walls: every cell touches both.
     density : array_like, shape () or (n_cells,)
         Density [kg/m³].
 
@@ -50,7 +53,10 @@ def carve(
         raise InputError(f"density must be positive and finite; got {float(densities.min())}")
     owner = owners(cells.cells.face_offsets)
     at_wall = np.zeros(len(cells), dtype=bool)
-    at_wall[owner[cells.neighbors < 0]] = True
+    is_wall = cells.neighbors < 0
+    if cells.domain.is_planar:
+        is_wall &= (cells.neighbors != _LOWER_Z) & (cells.neighbors != _UPPER_Z)
+    at_wall[owner[is_wall]] = True
     # A Laguerre cell may be empty: it is no grain.
     has_faces = np.diff(cells.cells.face_offsets) > 0
     kept = np.flatnonzero(has_faces if keep == "all" else has_faces & ~at_wall)

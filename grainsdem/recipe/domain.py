@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from grainsdem.model import Domain
 from grainsdem.recipe.base import Positive, Table
@@ -29,7 +29,7 @@ class DomainTable(Table):
 
     shape: Literal["box", "slab", "cylinder", "hopper"] = "box"
     lengths: tuple[Positive, Positive, Positive] | None = None
-    periodic: Annotated[str, Field(pattern="^x?y?z?$")] = ""
+    periodic: str = ""
     radius: Positive | None = None
     height: Positive | None = None
     top: tuple[Positive, Positive] | None = None
