@@ -1,4 +1,4 @@
-from . import figures, points, recipe
+from . import figures, points, recipe, survey
 from .dynamics import Settled, SettleReport, settle
 from .errors import (
     FileFormatError,
@@ -101,6 +101,7 @@ __all__ = [
     "sphericities",
     "summary",
     "surface_areas",
+    "survey",
     "table",
     "tessellate",
     "validate",

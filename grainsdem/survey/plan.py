@@ -1,0 +1,179 @@
+"""What a survey varies: a recipe, the keys that take several values, and how often each case is repeated."""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import itertools
+import json
+import tomllib
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from grainsdem import recipe as recipes
+from grainsdem.errors import FileFormatError, InputError, MissingFileError, name_offenders
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from grainsdem.recipe import Recipe
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Survey:
+    """A plan of many beds.
+
+    Parameters
+    ----------
+    base : mapping
+        Tables of a recipe, as its TOML file has them.
+    vary : mapping of str to sequence
+        Values of each key, such as ``{"seeds.count": [100, 200]}``.
+    combine : {"product", "zip"}
+        Every combination of the values, or the first of each, the second of each, and so on.
+    repeats : int
+        Beds for each case, each with a seed of its own.
+
+    Raises
+    ------
+    InputError
+        If a key has no values, the lists to be zipped differ in length, or there is nothing to do.
+    """
+
+    base: Mapping[str, Any]
+    vary: Mapping[str, Sequence[Any]] = field(default_factory=dict)
+    combine: Literal["product", "zip"] = "product"
+    repeats: int = 1
+
+    def __post_init__(self) -> None:
+        empty = [key for key, values in self.vary.items() if not isinstance(values, list | tuple) or len(values) == 0]
+        if empty:
+            raise InputError(f"each key that is varied needs a list of values; {name_offenders(empty)} has none")
+        if self.combine not in ("product", "zip"):
+            raise InputError(f"combine must be 'product' or 'zip'; got {self.combine!r}")
+        if self.combine == "zip" and len({len(values) for values in self.vary.values()}) > 1:
+            lengths = ", ".join(f"{key}: {len(values)}" for key, values in self.vary.items())
+            raise InputError(f"lists that are zipped must be equally long; got {lengths}")
+        if not isinstance(self.repeats, int) or self.repeats < 1:
+            raise InputError(f"repeats must be a whole number, 1 or more; got {self.repeats!r}")
+        if "settle" in self.base or any(key.startswith("settle.") for key in self.vary):
+            raise InputError("a survey grows beds and does not settle them; leave out the settle table")
+
+    def __len__(self) -> int:
+        values = [len(v) for v in self.vary.values()]
+        cases = 1
+        for n in values if self.combine == "product" else values[:1]:
+            cases *= n
+        return cases * self.repeats
+
+    def jobs(self) -> Iterator[tuple[dict[str, Any], int, Recipe]]:
+        """Yield the varied values, the number of the repeat, and the recipe of each bed.
+
+        Raises
+        ------
+        InputError
+            If a key is unknown or a value out of range.
+
+        Notes
+        -----
+        A bed's own ``rng`` follows from its whole recipe, the survey's ``rng`` and the number of the repeat: it is the
+        same in whatever order the work is done, and beside whatever other cases.
+        """
+        together = itertools.product if self.combine == "product" else zip
+        for values in together(*self.vary.values()) if self.vary else [()]:
+            case = dict(zip(self.vary, values, strict=True))
+            tables = copy.deepcopy(dict(self.base))
+            for key, value in case.items():
+                _put(tables, key, value)
+            wanted = recipes.make(**tables)
+            text = json.dumps(wanted.model_dump(mode="json", exclude={"name", "output"}), sort_keys=True)
+            for repeat in range(self.repeats):
+                digest = hashlib.sha256(f"{text} {repeat}".encode()).digest()
+                # 53 bits: exact in every program that reads the table.
+                rng = int.from_bytes(digest[:8], "big") >> 11
+                yield case, repeat, wanted.model_copy(update={"rng": rng})
+
+
+def read(
+    path: str | os.PathLike[str], *, vary: Mapping[str, Sequence[Any]] | None = None, repeats: int | None = None
+) -> Survey:
+    """Read a survey: a recipe with a table ``[survey]`` of ``vary``, ``combine`` and ``repeats``.
+
+    Parameters
+    ----------
+    path : str or path-like
+        A ``.toml`` file.
+    vary : mapping, optional
+        Keys and values besides those of the file, or instead of them.
+    repeats : int, optional
+        Beds for each case, instead of what the file says.
+
+    Raises
+    ------
+    MissingFileError
+        If there is no such file.
+    FileFormatError
+        If it is not TOML.
+    InputError
+        If the survey table has unknown keys or impossible values.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise MissingFileError(f"{path}: no such file")
+    try:
+        tables = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise FileFormatError(f"{path}: not TOML: {error}") from error
+    plan = tables.pop("survey", {})
+    if not isinstance(plan, dict) or not set(plan) <= {"vary", "combine", "repeats"}:
+        raise InputError(f"{path}: the survey table takes vary, combine and repeats; got {plan!r}")
+    seeds = tables.get("seeds")
+    if isinstance(seeds, dict) and isinstance(seeds.get("path"), str):
+        seeds["path"] = str(path.parent / seeds["path"])
+    varied = {**_flat(plan.get("vary", {})), **(vary or {})}
+    return Survey(tables, varied, plan.get("combine", "product"), repeats or plan.get("repeats", 1))
+
+
+def parse_vary(items: Sequence[str]) -> dict[str, list[Any]]:
+    """Return the keys and values of texts such as ``"seeds.count=100,200"``; values are read as TOML, or as words.
+
+    Raises
+    ------
+    InputError
+        If a text has no equals sign.
+
+    Examples
+    --------
+    >>> parse_vary(["seeds.count=100,200", "seeds.process=halton,poisson"])
+    {'seeds.count': [100, 200], 'seeds.process': ['halton', 'poisson']}
+    """
+    varied: dict[str, list[Any]] = {}
+    for item in items:
+        key, equals, values = item.partition("=")
+        if not (key and equals and values):
+            raise InputError(f"what is varied is written as key=value,value; got {item!r}")
+        try:
+            varied[key.strip()] = tomllib.loads(f"values = [{values}]")["values"]
+        except tomllib.TOMLDecodeError:
+            varied[key.strip()] = [value.strip() for value in values.split(",")]
+    return varied
+
+
+def _flat(tables: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Return nested tables as one, its keys joined by dots: TOML reads an unquoted ``seeds.count`` as a table."""
+    flat: dict[str, Any] = {}
+    for key, value in tables.items():
+        flat |= _flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": value}
+    return flat
+
+
+def _put(tables: dict[str, Any], key: str, value: Any) -> None:
+    """Set a value that is named by its path, such as ``seeds.count``."""
+    *folders, last = key.split(".")
+    for name in folders:
+        tables = tables.setdefault(name, {})
+        if not isinstance(tables, dict):
+            raise InputError(f"{key} cannot be varied: {name} is no table")
+    tables[last] = value

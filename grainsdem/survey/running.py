@@ -1,0 +1,208 @@
+"""A survey carried out on all cores, into one table that a later run goes on with."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+import grainsdem
+from grainsdem import recipe as recipes
+from grainsdem.atomic import replacing
+from grainsdem.errors import FileFormatError, GrainsDEMError, InputError, MissingFileError
+from grainsdem.geometry.integrals import volumes
+from grainsdem.measures import diameters, sphericities
+from grainsdem.measures import summary as summarize
+from grainsdem.workers import share
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from grainsdem.model import Packing
+    from grainsdem.recipe import Recipe
+    from grainsdem.survey.plan import Survey
+
+MEASURES = (
+    "n_seeds",
+    "n_grains",
+    "scale",
+    "porosity",
+    "void_ratio",
+    "mean_diameter",
+    "std_diameter",
+    "d10",
+    "d50",
+    "d90",
+    "mean_sphericity",
+    "std_sphericity",
+    "mean_neighbors",
+    "std_volume",
+)
+"""Columns of a survey's table after its parameters: SI units; ``std_volume`` is relative to the mean volume."""
+
+PAUSE = 2.0
+"""Seconds between two writings of the table: what an interrupted survey may lose."""
+
+
+def run(
+    survey: Survey,
+    path: str | os.PathLike[str],
+    *,
+    workers: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> NDArray[np.void]:
+    """Grow every bed of a survey that the table does not hold yet, and return the table.
+
+    Parameters
+    ----------
+    survey : Survey
+        What to grow.
+    path : str or path-like
+        The table (.csv). Rows that it holds already are kept, so that an interrupted survey goes on, and one that
+        was extended does only what is new.
+    workers : int, optional
+        Number of processes; by default one for each processor.
+    progress : callable, optional
+        Called with the number of beds done and of all.
+
+    Returns
+    -------
+    structured ndarray, shape (n,)
+        One row a bed in the order of the survey: ``version``, ``repeat``, ``rng``, the varied keys with ``_`` for
+        the dot, `MEASURES`, and ``error``, empty where the bed could be grown.
+
+    Raises
+    ------
+    InputError
+        If a key is unknown, a value out of range, or the file holds rows of another survey or version.
+    WriteError
+        If the table cannot be written.
+    """
+    path = Path(path)
+    if path.suffix.lower() != ".csv":
+        raise FileFormatError(f"{path}: a survey's table is written as .csv; got {path.suffix or 'no suffix'!r}")
+    jobs = list(survey.jobs())
+    header = ["version", "repeat", "rng", *(_column(key) for key in survey.vary), *MEASURES, "error"]
+    known = _kept(path, header, {str(recipe.rng) for _, _, recipe in jobs})
+    rows = [known.get(str(recipe.rng)) for _, _, recipe in jobs]
+    missing = [k for k, row in enumerate(rows) if row is None]
+    done, written = len(jobs) - len(missing), time.monotonic()
+    if progress is not None:
+        progress(done, len(jobs))
+    try:
+        for number, measured in share(measure, [jobs[k][2] for k in missing], workers=workers):
+            case, repeat, recipe = jobs[missing[number]]
+            first = [grainsdem.__version__, str(repeat), str(recipe.rng), *map(_text, case.values())]
+            rows[missing[number]] = [*first, *map(_text, measured)]
+            done += 1
+            if progress is not None:
+                progress(done, len(jobs))
+            if time.monotonic() - written > PAUSE:
+                _write(path, header, rows)
+                written = time.monotonic()
+    finally:
+        _write(path, header, rows)
+    return load(path)
+
+
+def measure(recipe: Recipe) -> list[Any]:
+    """Return `MEASURES` of the bed that a recipe grows, and the error that kept it from growing, or nothing."""
+    try:
+        bed = recipes.grow(recipe)
+        return [*_measures(bed), ""]
+    except GrainsDEMError as error:
+        return [*[float("nan")] * len(MEASURES), " ".join(str(error).split())]
+
+
+def _measures(bed: Packing) -> list[Any]:
+    summary = summarize(bed)
+    size, volume = diameters(bed.grains), volumes(bed.grains)
+    scale, n_seeds = 1.0, len(bed)
+    for step in map(json.loads, bed.provenance):
+        if step["step"] == "carve":
+            n_seeds = step["n_cells"]
+        if step["step"] == "shrink" and step.get("scale") is not None:
+            scale *= step["scale"]
+    found = {
+        **summary,
+        "n_seeds": n_seeds,
+        "scale": scale,
+        "void_ratio": summary["porosity"] / (1 - summary["porosity"]),
+        "std_diameter": float(size.std()),
+        "std_sphericity": float(sphericities(bed.grains).std()),
+        "std_volume": float(volume.std() / volume.mean()),
+    }
+    return [found[name] for name in MEASURES]
+
+
+def load(path: str | os.PathLike[str]) -> NDArray[np.void]:
+    """Return a survey's table as a structured array; numbers where a column has nothing else.
+
+    Raises
+    ------
+    MissingFileError
+        If there is no such file.
+    FileFormatError
+        If it holds no table.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise MissingFileError(f"{path}: no such file")
+    header, *rows = csv.reader(io.StringIO(path.read_text(encoding="utf-8")))
+    if not rows or any(len(row) != len(header) for row in rows):
+        raise FileFormatError(f"{path}: not a survey's table")
+    columns = [_numbers(list(values)) for values in zip(*rows, strict=True)]
+    table = np.empty(len(rows), dtype=[(name, column.dtype) for name, column in zip(header, columns, strict=True)])
+    for name, column in zip(header, columns, strict=True):
+        table[name] = column
+    return table
+
+
+def _numbers(texts: list[str]) -> NDArray[Any]:
+    for kind in (np.int64, np.float64):
+        try:
+            return np.array(texts).astype(kind)
+        except ValueError:
+            continue
+    return np.array(texts)
+
+
+def _kept(path: Path, header: list[str], wanted: set[str]) -> dict[str, list[str]]:
+    """Return the rows that a table holds, by their ``rng``; those of beds that failed are tried again."""
+    if not path.exists():
+        return {}
+    try:
+        found, *rows = csv.reader(io.StringIO(path.read_text(encoding="utf-8")))
+    except (ValueError, OSError, csv.Error):
+        found, rows = [], []
+    whole = [row for row in rows if len(row) == len(header)]
+    foreign = [row for row in whole if row[0] != grainsdem.__version__ or row[2] not in wanted]
+    if found != header or foreign:
+        what = f"{len(foreign)} rows of other cases or another version" if foreign else "something else"
+        raise InputError(f"{path}: holds {what} than this survey's; give another name or remove it")
+    return {row[2]: row for row in whole if not row[-1]}
+
+
+def _write(path: Path, header: list[str], rows: list[list[str] | None]) -> None:
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows(row for row in rows if row is not None)
+    with replacing(path) as temporary:
+        temporary.write_text(text.getvalue(), encoding="utf-8", newline="")
+
+
+def _column(key: str) -> str:
+    return key.replace(".", "_")
+
+
+def _text(value: Any) -> str:
+    return repr(value) if isinstance(value, float) else json.dumps(value) if isinstance(value, list) else str(value)

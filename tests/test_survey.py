@@ -1,0 +1,192 @@
+from __future__ import annotations
+
+import math
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import grainsdem as gd
+from grainsdem import survey
+from grainsdem.cli import app
+from grainsdem.errors import FileFormatError, InputError, MissingFileError
+from grainsdem.survey import running
+
+pytestmark = pytest.mark.unit
+
+BASE = {"seeds": {"process": "poisson", "count": 80}, "grains": {"porosity": 0.4}}
+
+
+def plan(**changes):
+    return survey.Survey(BASE, **{"vary": {"seeds.count": [80, 120], "seeds.relax": [0, 2]}, "repeats": 2, **changes})
+
+
+def test_a_row_is_what_the_recipe_grows(tmp_path):
+    table = survey.run(plan(), tmp_path / "t.csv", workers=1)
+    assert table["seeds_count"].tolist() == [80] * 4 + [120] * 4
+    assert table["seeds_relax"].tolist() == [0, 0, 2, 2] * 2
+    assert table["n_seeds"].tolist() == table["seeds_count"].tolist()
+    for row, (_, _, recipe) in zip(table, plan().jobs(), strict=True):
+        bed = gd.recipe.grow(recipe)
+        assert row["rng"] == recipe.rng
+        assert row["n_grains"] == len(bed)
+        assert row["mean_sphericity"] == gd.sphericities(bed.grains).mean()
+    np.testing.assert_allclose(table["porosity"], 0.4, rtol=1e-12)
+    np.testing.assert_allclose(table["void_ratio"], 0.4 / 0.6, rtol=1e-12)
+
+
+def test_the_table_is_the_same_bytes_whatever_the_order_of_the_work(tmp_path):
+    survey.run(plan(), tmp_path / "one.csv", workers=1)
+    survey.run(plan(), tmp_path / "two.csv", workers=2)
+    backwards = plan(vary={"seeds.count": [120, 80], "seeds.relax": [2, 0]})
+    turned = survey.run(backwards, tmp_path / "turned.csv", workers=1)
+    assert (tmp_path / "one.csv").read_bytes() == (tmp_path / "two.csv").read_bytes()
+    table = survey.load(tmp_path / "one.csv")
+    assert sorted(turned["rng"]) == sorted(table["rng"])
+    assert np.unique(table["rng"]).size == len(table)
+
+
+def test_an_extended_survey_does_only_what_is_new(tmp_path, monkeypatch):
+    path = tmp_path / "t.csv"
+    before = survey.run(plan(), path, workers=1)
+    grown = []
+    measure = running.measure
+    monkeypatch.setattr(running, "measure", lambda recipe: grown.append(recipe) or measure(recipe))
+    after = survey.run(plan(repeats=3), path, workers=1)
+    assert len(grown) == 4
+    assert set(before["rng"]) < set(after["rng"])
+
+
+def test_an_interrupted_survey_keeps_what_it_had_and_goes_on(tmp_path, monkeypatch):
+    path = tmp_path / "t.csv"
+    measure, grown = running.measure, []
+
+    def interrupt(recipe):
+        if len(grown) == 3:
+            raise KeyboardInterrupt
+        grown.append(recipe)
+        return measure(recipe)
+
+    monkeypatch.setattr(running, "measure", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        survey.run(plan(), path, workers=1)
+    assert len(survey.load(path)) == 3
+    monkeypatch.setattr(running, "measure", measure)
+    survey.run(plan(), path, workers=1)
+    survey.run(plan(), tmp_path / "whole.csv", workers=1)
+    assert path.read_bytes() == (tmp_path / "whole.csv").read_bytes()
+
+
+def test_a_killed_survey_leaves_a_whole_table_or_none(tmp_path):
+    path = tmp_path / "t.csv"
+    code = (
+        "from grainsdem import survey; from grainsdem.survey import running; running.PAUSE = 0.0;"
+        f"survey.run(survey.Survey({BASE!r}, repeats=3000), {str(path)!r}, workers=1)"
+    )
+    process = subprocess.Popen([sys.executable, "-c", code])
+    end = time.monotonic() + 60
+    while not path.exists() and time.monotonic() < end:
+        time.sleep(0.02)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    assert 0 < len(survey.load(path)) < 3000
+
+
+def test_a_bed_that_cannot_be_grown_is_a_row_that_says_why(tmp_path):
+    table = survey.run(survey.Survey(BASE, {"seeds.count": [2, 80]}), tmp_path / "t.csv", workers=1)
+    assert "all 2 cells touch a wall" in str(table["error"][0])
+    assert math.isnan(table["porosity"][0])
+    assert table["error"][1] == ""
+    assert table["n_grains"][1] > 0
+
+
+def test_lists_can_be_zipped():
+    cases = [case for case, _, _ in plan(combine="zip", repeats=1).jobs()]
+    assert cases == [{"seeds.count": 80, "seeds.relax": 0}, {"seeds.count": 120, "seeds.relax": 2}]
+    assert len(plan(combine="zip")) == 4
+    assert len(plan()) == 8
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"vary": {"seeds.count": []}}, "seeds.count has none"),
+        ({"vary": {"seeds.count": 5}}, "seeds.count has none"),
+        ({"combine": "sum"}, "'product' or 'zip'; got 'sum'"),
+        ({"combine": "zip", "vary": {"rng": [1], "seeds.count": [1, 2]}}, "rng: 1, seeds.count: 2"),
+        ({"repeats": 0}, "1 or more; got 0"),
+        ({"vary": {"settle.friction": [0.1]}}, "does not settle"),
+    ],
+)
+def test_an_impossible_plan_is_refused(change, words):
+    with pytest.raises(InputError, match=words):
+        plan(**change)
+
+
+@pytest.mark.parametrize(
+    ("vary", "words"),
+    [
+        ({"seeds.colour": [1]}, "seeds.colour: unknown key"),
+        ({"seeds.count": [0]}, "greater than or equal to 1; got 0"),
+        ({"name.first": ["x"]}, "name is no table"),
+    ],
+)
+def test_an_impossible_case_is_refused_before_any_work(vary, words, tmp_path):
+    with pytest.raises(InputError, match=words):
+        survey.run(survey.Survey({**BASE, "name": "bed"}, vary), tmp_path / "t.csv", workers=1)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_of_something_else_is_not_overwritten(tmp_path):
+    path = tmp_path / "t.csv"
+    path.write_text("my,own,numbers\n1,2,3\n")
+    with pytest.raises(InputError, match="something else than this survey's"):
+        survey.run(plan(), path, workers=1)
+    survey.run(survey.Survey(BASE), tmp_path / "u.csv", workers=1)
+    with pytest.raises(InputError, match="1 rows of other cases"):
+        survey.run(survey.Survey({**BASE, "rng": 5}), tmp_path / "u.csv", workers=1)
+    with pytest.raises(FileFormatError, match=r"\.csv; got '\.txt'"):
+        survey.run(plan(), tmp_path / "t.txt")
+    with pytest.raises(MissingFileError):
+        survey.load(tmp_path / "none.csv")
+    path.write_text("only,a,header\n")
+    with pytest.raises(FileFormatError, match="not a survey's table"):
+        survey.load(path)
+
+
+def test_the_command_takes_the_plan_of_the_file_and_of_its_options(tmp_path):
+    recipe, output = tmp_path / "r.toml", tmp_path / "t.csv"
+    recipe.write_text(
+        '[seeds]\nprocess = "poisson"\ncount = 80\n[grains]\nporosity = 0.4\n'
+        "[survey]\nrepeats = 5\n[survey.vary]\nseeds.relax = [0, 1]\n"
+    )
+    options = ["--vary", "seeds.process=poisson,halton", "--repeats", "1", "--workers", "1"]
+    result = CliRunner().invoke(app, ["survey", str(recipe), str(output), *options])
+    assert result.exit_code == 0, result.output
+    assert "4 beds, 0 could not be grown" in result.output
+    table = survey.load(output)
+    assert set(zip(table["seeds_process"].tolist(), table["seeds_relax"].tolist(), strict=True)) == {
+        (process, relax) for process in ("poisson", "halton") for relax in (0, 1)
+    }
+    for wrong in (["--vary", "seeds.count"], ["--vary", "seeds.count=5"]):
+        assert CliRunner().invoke(app, ["survey", str(recipe), str(output), *wrong]).exit_code == 2
+
+
+@pytest.mark.parametrize(
+    ("text", "error", "words"),
+    [
+        ("[survey]\ncolour = 1\n", InputError, "takes vary, combine and repeats"),
+        ("[survey\n", FileFormatError, "not TOML"),
+    ],
+)
+def test_files_that_are_no_surveys_get_one_clear_error(text, error, words, tmp_path):
+    path = tmp_path / "r.toml"
+    path.write_text(text)
+    with pytest.raises(error, match=words):
+        survey.read(path)
+    with pytest.raises(MissingFileError):
+        survey.read(tmp_path / "none.toml")
