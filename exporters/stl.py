@@ -89,7 +89,7 @@ def files(
     table = np.stack([np.arange(len(packing)), offsets[:-1], np.diff(offsets)], axis=1)
     rows = filled("%d,%d,%d\n", table, np.ones(len(packing), dtype=np.int64))
     ranges = "grain,first_triangle,n_triangles\n" + "".join(rows)
-    return {f"{name}{suffix}": _binary(corners), f"{name}.grains.csv": ranges.encode()}
+    return {f"{name}{suffix}": binary(corners), f"{name}.grains.csv": ranges.encode()}
 
 
 def surface(packing: Packing, origin: Literal["world", "domain"] = "world") -> tuple[Singles, Offsets]:
@@ -184,7 +184,7 @@ def _unit_normals(corners: Singles) -> NDArray[np.float64]:
     return normals
 
 
-def _binary(corners: Singles) -> bytes:
+def binary(corners: Singles) -> bytes:
     """Return binary STL: 80 bytes of header, the number of triangles, 50 bytes each."""
     records = np.zeros(len(corners), dtype=RECORD)
     records["normal"] = _unit_normals(corners)

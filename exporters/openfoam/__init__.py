@@ -1,0 +1,232 @@
+"""OpenFOAM: a case that meshes the void between grains and drives fluid through it, ready to run."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from exporters.check import check_choice, check_name, check_positive, measured
+from exporters.openfoam import region as regions
+from exporters.openfoam import surface
+from exporters.openfoam.dictionaries import Case, texts
+from exporters.openfoam.flow import Flow, flow, kozeny_carman
+from exporters.openfoam.point import void_point
+from exporters.openfoam.solids import TREATMENTS, Frame, Solids, cut, fused, solids, treat, void
+from exporters.stl import binary
+from grainsdem.errors import InputError
+from grainsdem.geometry.triangles import vector_areas
+from grainsdem.packing import contacts
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from exporters.openfoam.region import Region
+    from grainsdem.model import Packing
+
+    Floats = NDArray[np.float64]
+
+__all__ = ["TREATMENTS", "Flow", "OpenFoamOptions", "Options", "files", "flow", "kozeny_carman"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OpenFoamOptions:
+    """What the case is of.
+
+    Parameters
+    ----------
+    region : {"core", "bed"} or tuple of two array_like, shape (3,)
+        The inside of the bed, away from its walls; the whole bed between its walls, with a diameter of free length
+        before and behind it; or the corners [m] of a box.
+    axis : {"x", "y", "z"}
+        Along which fluid flows, from the lower face to the upper.
+    contact : {"shrink", "cap", "bridge", "union", "none"}
+        What is done where grains are nearer than ``gap``: an exact inset of both grains; both cut off by planes across
+        the contact; a prism between them; all grains grown and fused; or nothing.
+    gap : float, optional
+        Gap [m]; by default a fiftieth of the mean equal-volume diameter.
+    cells : float
+        Background cells a mean diameter.
+    level : int
+        How often those cells are halved at the grains.
+    reynolds : float
+        Reynolds number of the seepage velocity and the mean diameter that the pressure drop is chosen for, by Kozeny
+        and Carman.
+    viscosity : float
+        Kinematic viscosity [m²/s]; by default that of water.
+    origin : {"world", "region"}
+        Where the case's origin lies: that of the packing, or the region's lower corner.
+    void_mesh : bool
+        Whether the void is also written as a closed surface of its own, one solid a patch, for other meshers.
+
+    Raises
+    ------
+    InputError
+        If an option is out of range.
+    """
+
+    region: Literal["core", "bed"] | tuple[ArrayLike, ArrayLike] = "core"
+    axis: Literal["x", "y", "z"] = "z"
+    contact: Literal["shrink", "cap", "bridge", "union", "none"] = "shrink"
+    gap: float | None = None
+    cells: float = 20.0
+    level: int = 0
+    reynolds: float = 0.01
+    viscosity: float = 1e-6
+    origin: Literal["world", "region"] = "world"
+    void_mesh: bool = True
+
+    def __post_init__(self) -> None:
+        check_choice("axis", self.axis, ("x", "y", "z"))
+        check_choice("contact", self.contact, TREATMENTS)
+        check_choice("origin", self.origin, ("world", "region"))
+        if self.gap is not None:
+            check_positive("gap", self.gap)
+        for name in ("cells", "reynolds", "viscosity"):
+            check_positive(name, getattr(self, name))
+        if not (isinstance(self.level, int) and 0 <= self.level <= 5):
+            raise InputError(f"level must be a whole number from 0 to 5; got {self.level!r}")
+
+
+Options = OpenFoamOptions
+
+
+def files(
+    packing: Packing, *, name: str = "case", suffix: str = "", options: OpenFoamOptions | None = None
+) -> dict[str, bytes]:
+    """Return the files of a case: path in the case's folder to bytes.
+
+    Besides the dictionaries: ``constant/triSurface/grains.stl``, grains cut a tenth of a diameter outside the region;
+    ``void.stl``, the region less the grains, closed, its patches inlet, outlet, sides and grains; ``case.json``, the
+    report: porosity and surface area of the region before and after the contacts were treated, the smallest gap before
+    and the cell size that would resolve it, the point of the void and its clearance, and the flow's numbers.
+
+    Raises
+    ------
+    InputError
+        If the packing is empty or not finite, the region is none or holds no grain or no void, or an option is out of
+        range.
+    """
+    del suffix
+    check_name(name)
+    options = options or OpenFoamOptions()
+    d = float(np.cbrt(measured(packing).volumes * 6 / np.pi).mean())
+    axis = "xyz".index(options.axis)
+    region = regions.choose(packing, options.region, axis, d)
+    gap = 0.02 * d if options.gap is None else options.gap
+    margin = regions.MARGIN * d
+    grains = regions.gather(packing, region, margin + gap)
+    frame = Frame(region.lower.copy(), d)
+    treated = treat(grains, options.contact, gap, frame)
+    report = _report(grains, treated, region, frame, gap)
+    cells = np.maximum(np.rint((region.upper - region.lower) / d * options.cells), 1).astype(np.int64)
+    walls = packing.domain.planes if region.is_bed else np.empty((0, 4))
+    point, clearance = void_point(grains, treated, region, cells, walls)
+    drop = _pressure_drop(options, report["porosity"], d, region, axis)
+    shift = -region.lower if options.origin == "region" else np.zeros(3)
+    case = Case(
+        region.lower + shift,
+        region.upper + shift,
+        cells,
+        axis,
+        "noSlip" if region.is_bed and not packing.domain.is_planar else "slip",
+        options.level,
+        point + shift,
+        options.viscosity,
+        drop,
+        bool(len(walls)),
+    )
+    content = {path: text.encode() for path, text in texts(case).items()}
+    content["constant/triSurface/grains.stl"] = binary(
+        surface.rounded(cut(treated.bodies, region, margin, frame), frame, shift)
+    )
+    if len(walls):
+        content["constant/triSurface/walls.stl"] = _container(region, walls, axis, frame, shift)
+    if options.void_mesh:
+        content["void.stl"] = _void(treated, region, frame, axis, shift)
+    report |= {
+        "name": name,
+        "contact": options.contact,
+        "lower": (region.lower + shift).tolist(),
+        "upper": (region.upper + shift).tolist(),
+        "moved_by": shift.tolist(),
+        "axis": options.axis,
+        "mean_diameter": d,
+        "cells": cells.tolist(),
+        "cell_size": d / options.cells / 2**options.level,
+        "void_point": (point + shift).tolist(),
+        "void_point_clearance": clearance,
+        "viscosity": options.viscosity,
+        "kinematic_pressure_drop": drop,
+        "provenance": [json.loads(step) for step in packing.provenance],
+    }
+    content["case.json"] = (json.dumps(report, indent=2) + "\n").encode()
+    return content
+
+
+def _report(grains: Packing, treated: Solids, region: Region, frame: Frame, gap: float) -> dict[str, Any]:
+    """Return porosity and surface before and after, and what the gaps ask of the mesh."""
+    graph = contacts(grains, within=2 * gap)
+    before = _sizes(fused(solids(grains, frame)), region, frame)
+    after = _sizes(treated.bodies, region, frame)
+    smallest = float(graph.gaps.min()) if len(graph) else None
+    return {
+        "n_grains": len(grains),
+        "gap": gap,
+        "near_contacts": int((graph.gaps < gap).sum()),
+        "smallest_gap_before": smallest,
+        # Two cells across the narrowest gap, the least that a profile of velocity needs.
+        "suggested_cell_size": 0.5 * (gap if smallest is None else max(gap, smallest)),
+        "porosity_before": 1 - before[0] / region.volume,
+        "porosity": 1 - after[0] / region.volume,
+        "surface_area_before": before[1],
+        "surface_area": after[1],
+    }
+
+
+def _sizes(bodies: list[Any], region: Region, frame: Frame) -> tuple[float, float]:
+    """Return the volume [m³] of bodies inside a region, and their surface [m²] there without the cuts."""
+    inside = cut(bodies, region, 0.0, frame)
+    volume = sum(body.volume() for body in inside) * frame.length**3
+    triangles = surface.corners(inside, frame)
+    triangles = triangles[surface.on_faces(triangles, region, frame.length) < 0]
+    return volume, float(np.linalg.norm(vector_areas(triangles), axis=1).sum())
+
+
+def _pressure_drop(options: OpenFoamOptions, porosity: float, d: float, region: Region, axis: int) -> float:
+    """Return the kinematic pressure drop [m²/s²] that drives the seepage velocity asked for."""
+    velocity = options.reynolds * options.viscosity / d
+    length = float(region.upper[axis] - region.lower[axis])
+    return options.viscosity * velocity * length / kozeny_carman(d, porosity)
+
+
+def _container(region: Region, planes: Floats, axis: int, frame: Frame, shift: Floats) -> bytes:
+    """Return the surface of a container of planes, its ends beyond those of the region."""
+    import manifold3d
+
+    reach = np.full(3, frame.length)
+    lower, upper = region.lower - reach, region.upper + reach
+    body = manifold3d.Manifold.cube(((upper - lower) / frame.length).tolist())
+    body = body.translate(((lower - frame.origin) / frame.length).tolist())
+    for plane in planes:
+        height = float(plane[3] - plane[:3] @ frame.origin) / frame.length
+        body = body.trim_by_plane((-plane[:3]).tolist(), -height)
+    del axis
+    return binary(surface.rounded([body], frame, shift))
+
+
+def _void(treated: Solids, region: Region, frame: Frame, axis: int, shift: Floats) -> bytes:
+    """Return the void as closed ASCII STL, one solid a patch."""
+    triangles = surface.rounded([void(treated.bodies, region, frame)], frame, shift).astype(np.float64)
+    moved = regions.Region(region.lower + shift, region.upper + shift, region.is_bed)
+    face = surface.on_faces(triangles, moved, frame.length)
+    ends = (2 * axis, 2 * axis + 1)
+    patches = {
+        "inlet": triangles[face == ends[0]],
+        "outlet": triangles[face == ends[1]],
+        "sides": triangles[(face >= 0) & ~np.isin(face, ends)],
+        "grains": triangles[face < 0],
+    }
+    return surface.ascii_stl({name: part for name, part in patches.items() if len(part)})

@@ -1,0 +1,337 @@
+"""The text files of an OpenFOAM case."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+
+class Case(NamedTuple):
+    """What the dictionaries say.
+
+    Parameters
+    ----------
+    lower, upper : ndarray, shape (3,)
+        Corners [m] of the flow domain.
+    cells : ndarray of int, shape (3,)
+        Background cells along each axis.
+    axis : int
+        Along which fluid flows, from the lower face to the upper.
+    sides : {"slip", "noSlip"}
+        What the four faces along the flow do.
+    level : int
+        Times that background cells are halved at the grains.
+    void_point : ndarray, shape (3,)
+        A point [m] of the void.
+    viscosity : float
+        Kinematic viscosity [m²/s].
+    pressure_drop : float
+        Kinematic pressure [m²/s²] at the inlet; zero at the outlet.
+    has_walls : bool
+        Whether there is a surface of the container's walls besides that of the grains.
+    """
+
+    lower: Floats
+    upper: Floats
+    cells: NDArray[np.int64]
+    axis: int
+    sides: str
+    level: int
+    void_point: Floats
+    viscosity: float
+    pressure_drop: float
+    has_walls: bool
+
+
+def texts(case: Case) -> dict[str, str]:
+    """Return the dictionaries of a case and the script that runs it: path to text."""
+    return {
+        "Allrun": _ALLRUN,
+        "0.orig/U": _head("volVectorField", "U") + _velocity(case),
+        "0.orig/p": _head("volScalarField", "p") + _pressure(case),
+        # Which of the two a version reads: up to OpenFOAM 9 and all of ESI's the first, later ones the second.
+        "constant/transportProperties": _head("dictionary", "transportProperties")
+        + f"transportModel Newtonian;\nnu [0 2 -1 0 0 0 0] {case.viscosity:.9g};\n",
+        "constant/physicalProperties": _head("dictionary", "physicalProperties")
+        + f"viscosityModel constant;\nnu [0 2 -1 0 0 0 0] {case.viscosity:.9g};\n",
+        "constant/turbulenceProperties": _head("dictionary", "turbulenceProperties") + "simulationType laminar;\n",
+        "constant/momentumTransport": _head("dictionary", "momentumTransport") + "simulationType laminar;\n",
+        "system/blockMeshDict": _head("dictionary", "blockMeshDict") + _block_mesh(case),
+        "system/snappyHexMeshDict": _head("dictionary", "snappyHexMeshDict") + _snappy(case),
+        "system/surfaceFeatureExtractDict": _head("dictionary", "surfaceFeatureExtractDict") + _features(case),
+        "system/surfaceFeaturesDict": _head("dictionary", "surfaceFeaturesDict") + _features_foundation(case),
+        "system/decomposeParDict": _head("dictionary", "decomposeParDict") + "numberOfSubdomains 2;\nmethod scotch;\n",
+        "system/controlDict": _head("dictionary", "controlDict") + _CONTROL,
+        "system/fvSchemes": _head("dictionary", "fvSchemes") + _SCHEMES,
+        "system/fvSolution": _head("dictionary", "fvSolution") + _SOLUTION,
+    }
+
+
+def surfaces(case: Case) -> list[str]:
+    """Return the names of the surfaces that the mesh is cut by."""
+    return ["grains", "walls"] if case.has_walls else ["grains"]
+
+
+def _head(kind: str, name: str) -> str:
+    return f"FoamFile\n{{\n    version 2.0;\n    format ascii;\n    class {kind};\n    object {name};\n}}\n\n"
+
+
+def _vector(values: Floats) -> str:
+    return "(" + " ".join(f"{value:.12g}" for value in values.tolist()) + ")"
+
+
+def _velocity(case: Case) -> str:
+    still = "".join(f"    {name} {{ type noSlip; }}\n" for name in surfaces(case))
+    return (
+        "dimensions [0 1 -1 0 0 0 0];\ninternalField uniform (0 0 0);\nboundaryField\n{\n"
+        "    inlet { type pressureInletOutletVelocity; value uniform (0 0 0); }\n"
+        "    outlet { type pressureInletOutletVelocity; value uniform (0 0 0); }\n"
+        f"    sides {{ type {case.sides}; }}\n{still}}}\n"
+    )
+
+
+def _pressure(case: Case) -> str:
+    flat = "".join(f"    {name} {{ type zeroGradient; }}\n" for name in ["sides", *surfaces(case)])
+    return (
+        "dimensions [0 2 -2 0 0 0 0];\ninternalField uniform 0;\nboundaryField\n{\n"
+        f"    inlet {{ type fixedValue; value uniform {case.pressure_drop:.9g}; }}\n"
+        f"    outlet {{ type fixedValue; value uniform 0; }}\n{flat}}}\n"
+    )
+
+
+def _block_mesh(case: Case) -> str:
+    corners = [
+        [(case.upper if high else case.lower)[k] for k, high in enumerate(which)]
+        for which in [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
+    ]
+    vertices = "".join("    (" + " ".join(f"{x:.12g}" for x in corner) + ")\n" for corner in corners)
+    faces = ["(0 4 7 3)", "(1 2 6 5)", "(0 1 5 4)", "(3 7 6 2)", "(0 3 2 1)", "(4 5 6 7)"]
+    inlet, outlet = faces.pop(2 * case.axis), faces.pop(2 * case.axis)
+    counts = " ".join(map(str, case.cells.tolist()))
+    return (
+        f"vertices\n(\n{vertices});\n"
+        f"blocks\n(\n    hex (0 1 2 3 4 5 6 7) ({counts}) simpleGrading (1 1 1)\n);\nedges ();\nboundary\n(\n"
+        f"    inlet {{ type patch; faces ({inlet}); }}\n"
+        f"    outlet {{ type patch; faces ({outlet}); }}\n"
+        f"    sides {{ type {'wall' if case.sides == 'noSlip' else 'patch'}; faces ({' '.join(faces)}); }}\n"
+        ");\nmergePatchPairs ();\n"
+    )
+
+
+def _snappy(case: Case) -> str:
+    names = surfaces(case)
+    geometry = "".join(f"    {name}.stl {{ type triSurfaceMesh; name {name}; }}\n" for name in names)
+    features = "".join(f'        {{ file "{name}.eMesh"; level {case.level}; }}\n' for name in names)
+    refined = "".join(
+        f"        {name} {{ level ({case.level} {case.level}); patchInfo {{ type wall; }} }}\n" for name in names
+    )
+    return (
+        f"castellatedMesh true;\nsnap true;\naddLayers false;\ngeometry\n{{\n{geometry}}}\n"
+        "castellatedMeshControls\n{\n"
+        "    maxLocalCells 20000000;\n    maxGlobalCells 100000000;\n    minRefinementCells 0;\n"
+        "    nCellsBetweenLevels 2;\n    resolveFeatureAngle 30;\n    allowFreeStandingZoneFaces true;\n"
+        f"    features\n    (\n{features}    );\n"
+        f"    refinementSurfaces\n    {{\n{refined}    }}\n    refinementRegions {{}}\n"
+        # Two names for one thing: the second is the Foundation's since version 11.
+        f"    locationInMesh {_vector(case.void_point)};\n    insidePoint {_vector(case.void_point)};\n}}\n" + _SNAPPY
+    )
+
+
+def _features(case: Case) -> str:
+    return "".join(
+        f"{name}.stl\n{{\n    extractionMethod extractFromSurface;\n    includedAngle 150;\n"
+        "    extractFromSurfaceCoeffs { includedAngle 150; }\n    writeObj no;\n}\n"
+        for name in surfaces(case)
+    )
+
+
+def _features_foundation(case: Case) -> str:
+    names = " ".join(f'"{name}.stl"' for name in surfaces(case))
+    return f"surfaces ({names});\nincludedAngle 150;\nwriteObj no;\n"
+
+
+_SNAPPY = """\
+snapControls
+{
+    nSmoothPatch 3;
+    tolerance 2.0;
+    nSolveIter 50;
+    nRelaxIter 5;
+    nFeatureSnapIter 10;
+    implicitFeatureSnap false;
+    explicitFeatureSnap true;
+    multiRegionFeatureSnap false;
+}
+addLayersControls
+{
+    relativeSizes true;
+    layers {}
+    expansionRatio 1.0;
+    finalLayerThickness 0.3;
+    minThickness 0.1;
+    nGrow 0;
+    featureAngle 60;
+    nRelaxIter 3;
+    nSmoothSurfaceNormals 1;
+    nSmoothNormals 3;
+    nSmoothThickness 10;
+    maxFaceThicknessRatio 0.5;
+    maxThicknessToMedialRatio 0.3;
+    minMedianAxisAngle 90;
+    minMedialAxisAngle 90;
+    nBufferCellsNoExtrude 0;
+    nLayerIter 50;
+}
+meshQualityControls
+{
+    maxNonOrtho 70;
+    maxBoundarySkewness 20;
+    maxInternalSkewness 4;
+    maxConcave 80;
+    minVol 1e-30;
+    minTetQuality 1e-15;
+    minArea -1;
+    minTwist 0.02;
+    minDeterminant 0.001;
+    minFaceWeight 0.05;
+    minVolRatio 0.01;
+    minTriangleTwist -1;
+    nSmoothScale 4;
+    errorReduction 0.75;
+    relaxed { maxNonOrtho 75; }
+}
+mergeTolerance 1e-6;
+"""
+
+_CONTROL = """\
+application simpleFoam;
+solver incompressibleFluid;
+startFrom latestTime;
+startTime 0;
+stopAt endTime;
+endTime 500;
+deltaT 1;
+writeControl timeStep;
+writeInterval 500;
+purgeWrite 1;
+writeFormat binary;
+writePrecision 10;
+writeCompression off;
+timeFormat general;
+timePrecision 6;
+runTimeModifiable false;
+functions
+{
+    flowRate
+    {
+        type surfaceFieldValue;
+        libs (fieldFunctionObjects);
+        fields (phi);
+        operation sum;
+        regionType patch;
+        name outlet;
+        select patch;
+        patch outlet;
+        writeFields false;
+        log false;
+        writeControl timeStep;
+        writeInterval 1;
+    }
+}
+"""
+
+_SCHEMES = """\
+ddtSchemes { default steadyState; }
+gradSchemes { default Gauss linear; }
+divSchemes
+{
+    default none;
+    div(phi,U) bounded Gauss linearUpwind grad(U);
+    div((nuEff*dev2(T(grad(U))))) Gauss linear;
+}
+laplacianSchemes { default Gauss linear limited corrected 0.5; }
+interpolationSchemes { default linear; }
+snGradSchemes { default limited corrected 0.5; }
+"""
+
+_SOLUTION = """\
+solvers
+{
+    p { solver GAMG; smoother GaussSeidel; tolerance 1e-14; relTol 0.02; }
+    U { solver smoothSolver; smoother symGaussSeidel; tolerance 1e-14; relTol 0.02; }
+}
+SIMPLE
+{
+    consistent yes;
+    nNonOrthogonalCorrectors 1;
+    residualControl { p 1e-5; U 1e-5; }
+}
+relaxationFactors
+{
+    fields { p 0.9; }
+    equations { U 0.9; }
+}
+"""
+
+_ALLRUN = """\
+#!/bin/sh
+# Mesh the void and drive fluid through it: ./Allrun, or ./Allrun N for N processes.
+cd "${0%/*}" || exit 1
+set -e
+n=${1:-1}
+
+# Debian's package does not set it.
+if [ -z "$WM_PROJECT_DIR" ] && [ -d /usr/share/openfoam ]; then
+    WM_PROJECT_DIR=/usr/share/openfoam
+    export WM_PROJECT_DIR
+fi
+
+run() {
+    log="log.$1"
+    echo "Running $*"
+    "$@" > "$log" 2>&1 || { tail -n 20 "$log"; exit 1; }
+}
+run_on_all() {
+    if [ "$n" -gt 1 ]; then
+        log="log.$1"
+        echo "Running $* on $n processes"
+        mpirun $([ "$(id -u)" -eq 0 ] && echo --allow-run-as-root) -np "$n" "$@" -parallel > "$log" 2>&1 ||
+            { tail -n 20 "$log"; exit 1; }
+    else
+        run "$@"
+    fi
+}
+
+rm -rf 0 [1-9]* processor* postProcessing constant/polyMesh log.*
+
+# ESI's versions read constant/triSurface, the Foundation's constant/geometry.
+mkdir -p constant/geometry
+cp constant/triSurface/*.stl constant/geometry/
+
+run blockMesh
+if command -v surfaceFeatureExtract > /dev/null; then
+    run surfaceFeatureExtract
+else
+    run surfaceFeatures
+fi
+run snappyHexMesh -overwrite
+run checkMesh
+cp -r 0.orig 0
+if [ "$n" -gt 1 ]; then
+    sed -i "s/^numberOfSubdomains .*/numberOfSubdomains $n;/" system/decomposeParDict
+    run decomposePar
+fi
+if command -v foamRun > /dev/null; then
+    run_on_all foamRun
+else
+    run_on_all simpleFoam
+fi
+if [ "$n" -gt 1 ]; then
+    run reconstructPar -latestTime
+fi
+"""

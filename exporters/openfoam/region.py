@@ -1,0 +1,143 @@
+"""Which part of a packing becomes a flow domain, and the grains, images included, that reach into it."""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from grainsdem.errors import InputError
+from grainsdem.geometry.bounds import boxes
+from grainsdem.measures import core_box
+from grainsdem.model import Domain, Packing
+from grainsdem.packing.carve import select
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    Floats = NDArray[np.float64]
+
+MARGIN = 0.1
+"""How far grains reach out of the flow domain before they are cut, in diameters: the cut is no wall of the flow."""
+
+PLENUM = 1.0
+"""Free length before and behind a whole bed, in diameters: flow enters and leaves it evenly."""
+
+
+class Region(NamedTuple):
+    """A box that fluid flows through.
+
+    Parameters
+    ----------
+    lower, upper : ndarray, shape (3,)
+        Corners [m].
+    is_bed : bool
+        Whether it holds the whole bed, between its walls, rather than a part of its inside.
+    """
+
+    lower: Floats
+    upper: Floats
+    is_bed: bool
+
+    @property
+    def volume(self) -> float:
+        """Volume [m³]."""
+        return float(np.prod(self.upper - self.lower))
+
+
+def choose(packing: Packing, region: str | tuple[ArrayLike, ArrayLike], axis: int, d: float) -> Region:
+    """Return the flow domain: the bed's core, the whole bed, or a box of one's own.
+
+    Raises
+    ------
+    InputError
+        If the region is unknown, the box is not one, or it reaches out of the domain or holds no grain.
+    """
+    domain = packing.domain
+    if region == "bed":
+        lower, upper = (corner.copy() for corner in (domain.lower, domain.upper))
+        first, last = boxes(packing)
+        lower[axis], upper[axis] = first[:, axis].min() - PLENUM * d, last[:, axis].max() + PLENUM * d
+        if domain.periodic[axis]:
+            raise InputError("a bed that is periodic along the flow has no ends; give region='core' or a box")
+        return Region(*_mid_plane(domain, lower, upper), is_bed=True)
+    if isinstance(region, str):
+        if region != "core":
+            raise InputError(f"region must be 'core', 'bed' or the two corners of a box; got {region!r}")
+        lower, upper = _core(packing)
+    else:
+        try:
+            lower, upper = (np.array(corner, dtype=np.float64).reshape(3) for corner in region)
+        except (TypeError, ValueError) as error:
+            raise InputError(f"region must be 'core', 'bed' or the two corners of a box; got {region!r}") from error
+        # A millionth of the domain: corners that came from a file may be rounded.
+        slack = 1e-6 * domain.lengths
+        inside = (lower >= domain.lower - slack) & (upper <= domain.upper + slack)
+        if not (np.isfinite([lower, upper]).all() and (upper > lower).all() and inside.all()):
+            raise InputError(
+                f"the box must lie in the domain, {domain.lower.tolist()} to {domain.upper.tolist()}, its upper corner "
+                f"above its lower; got {lower.tolist()} to {upper.tolist()}"
+            )
+    return Region(*_mid_plane(domain, lower, upper), is_bed=False)
+
+
+def gather(packing: Packing, region: Region, reach: float) -> Packing:
+    """Return the grains, periodic images included, whose boxes come nearer to the region than ``reach`` [m].
+
+    The result is a plain packing: its domain is a box around the grains, and nothing wraps.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    lower, upper = boxes(packing)
+    rows, moves = [], []
+    for image in product(*((-1, 0, 1) if wraps else (0,) for wraps in packing.domain.periodic)):
+        move = np.array(image) * packing.domain.lengths
+        near = ((lower + move < region.upper + reach) & (upper + move > region.lower - reach)).all(axis=1)
+        rows.append(np.flatnonzero(near))
+        moves.append(np.broadcast_to(move, (rows[-1].size, 3)))
+    chosen, moved = np.concatenate(rows), np.concatenate(moves)
+    if chosen.size == 0:
+        raise InputError(f"no grain reaches into {region.lower.tolist()} to {region.upper.tolist()}")
+    grains, _ = select(packing.grains, chosen)
+    # Wide enough that no wall is near: walls are the case's own.
+    around = Domain(
+        np.minimum((lower[chosen] + moved).min(axis=0), region.lower) - 10 * reach,
+        np.maximum((upper[chosen] + moved).max(axis=0), region.upper) + 10 * reach,
+    )
+    return Packing(
+        grains,
+        packing.positions[chosen] + moved,
+        packing.quaternions[chosen],
+        packing.densities[chosen],
+        around,
+        provenance=packing.provenance,
+    )
+
+
+def _core(packing: Packing) -> tuple[Floats, Floats]:
+    """Return the inside of a bed; of grains still in their cells, away from the hull of those that were kept."""
+    domain = packing.domain
+    if domain.is_planar or packing.links is not None:
+        lower, upper = boxes(packing)
+        d = (upper - lower).max(axis=1).mean()
+        first = np.where(domain.periodic, domain.lower, lower.min(axis=0) + d)
+        last = np.where(domain.periodic, domain.upper, upper.max(axis=0) - d)
+        if domain.is_planar:
+            first[2], last[2] = domain.lower[2], domain.upper[2]
+        if (last - first < 0.999 * np.where(domain.is_planar, [d, d, 0], d)).any():
+            raise InputError("the bed is too small for a core: it must be three grains wide along each axis")
+        return first, last
+    return core_box(packing)
+
+
+def _mid_plane(domain: Domain, lower: Floats, upper: Floats) -> tuple[Floats, Floats]:
+    """Return the box; of a slab only its middle half, so that the faces of the prisms lie outside it."""
+    if domain.is_planar:
+        thickness = domain.lengths[2]
+        lower, upper = lower.copy(), upper.copy()
+        lower[2], upper[2] = domain.lower[2] + 0.25 * thickness, domain.upper[2] - 0.25 * thickness
+    return lower, upper

@@ -1,0 +1,84 @@
+"""Solids as triangles in single precision, the precision in which OpenFOAM keeps a surface."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from exporters.text import filled
+from grainsdem.errors import InputError
+from grainsdem.geometry.triangles import vector_areas
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from exporters.openfoam.region import Region
+    from exporters.openfoam.solids import Frame
+
+    Floats = NDArray[np.float64]
+    Singles = NDArray[np.float32]
+
+SLIVER = 1e-5
+"""Features below this size, in diameters, are taken off first: rounding would make them triangles without area."""
+
+ON_FACE = 1e-7
+"""Distance from a face of the region, in diameters, within which a triangle lies on it."""
+
+_FACET = "facet normal %.9g %.9g %.9g\nouter loop\n" + "vertex %.9g %.9g %.9g\n" * 3 + "endloop\nendfacet\n"
+
+
+def corners(bodies: list[Any], frame: Frame) -> Floats:
+    """Return the triangles [m] of all bodies, shape (m, 3, 3), wound outward."""
+    parts = []
+    for body in bodies:
+        mesh = body.to_mesh64()
+        points = np.asarray(mesh.vert_properties)[:, :3] * frame.length + frame.origin
+        parts.append(points[np.asarray(mesh.tri_verts).astype(np.int64)])
+    return np.concatenate(parts) if parts else np.empty((0, 3, 3))
+
+
+def rounded(bodies: list[Any], frame: Frame, shift: Floats) -> Singles:
+    """Return the triangles of all bodies, moved by ``shift`` [m] and rounded, each body closed, none without area.
+
+    Raises
+    ------
+    InputError
+        If rounding leaves a triangle without area: the bodies lie too far from the origin, or are too fine.
+    """
+    tolerance = SLIVER
+    for _ in range(4):
+        singles = (corners([body.simplify(tolerance) for body in bodies], frame) + shift).astype(np.float32)
+        # Where an edge has shrunk to a point, both its triangles have gone: what is left is closed.
+        distinct = [(singles[:, a] != singles[:, b]).any(axis=1) for a, b in ((0, 1), (1, 2), (2, 0))]
+        singles = singles[np.logical_and.reduce(distinct)]
+        flat = np.linalg.norm(vector_areas(singles), axis=1) == 0
+        if not flat.any():
+            return singles
+        tolerance *= 4
+    raise InputError(
+        f"{int(flat.sum())} triangles of the grains' surface lose their area in single precision; use origin='region', "
+        "or a larger gap"
+    )
+
+
+def on_faces(triangles: Floats, region: Region, length: float) -> NDArray[np.int8]:
+    """Return which face of the region each triangle lies on: 2 axis + (0 lower, 1 upper), and -1 for none."""
+    face = np.full(len(triangles), -1, dtype=np.int8)
+    for k in range(3):
+        for side, height in enumerate((region.lower[k], region.upper[k])):
+            face[(np.abs(triangles[:, :, k] - height) < ON_FACE * length).all(axis=1)] = 2 * k + side
+    return face
+
+
+def ascii_stl(patches: dict[str, Floats]) -> bytes:
+    """Return triangles as ASCII STL, one named solid a patch."""
+    text = []
+    for name, triangles in patches.items():
+        areas = vector_areas(triangles)
+        norms = np.linalg.norm(areas, axis=1, keepdims=True)
+        normals = np.divide(areas, norms, out=np.zeros_like(areas), where=norms > 0)
+        numbers = np.concatenate([normals[:, None], triangles], axis=1)
+        rows = filled(_FACET, numbers, np.ones(len(triangles), dtype=np.int64))
+        text.append(f"solid {name}\n{''.join(rows)}endsolid {name}\n")
+    return "".join(text).encode()
