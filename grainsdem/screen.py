@@ -136,6 +136,14 @@ def print_info(console: Console, title: str, facts: dict[str, Any]) -> None:
     console.print(table)
 
 
+def print_facts(console: Console, title: str, facts: dict[str, str]) -> None:
+    """Print names and values."""
+    table = Table(title=title, title_justify="left", title_style="bold", show_header=False)
+    for name, value in facts.items():
+        table.add_row(name, value)
+    console.print(table)
+
+
 def _rows(summaries: list[dict[str, Any]]) -> list[tuple[str, ...]]:
     """Return the measures that every summary shares, as text."""
 

@@ -14,7 +14,7 @@ from exporters.openfoam import surface
 from exporters.openfoam.dictionaries import Case, texts
 from exporters.openfoam.flow import Flow, flow, kozeny_carman
 from exporters.openfoam.point import void_point
-from exporters.openfoam.solids import TREATMENTS, Frame, Solids, cut, fused, solids, treat, void
+from exporters.openfoam.solids import TREATMENTS, Frame, Solids, as_manifolds, cut, fused, treat, void
 from exporters.stl import binary
 from grainsdem.errors import InputError
 from grainsdem.geometry.triangles import vector_areas
@@ -91,6 +91,12 @@ class OpenFoamOptions:
 
 
 Options = OpenFoamOptions
+
+LOSES = (
+    "Grains are one surface, with contacts treated as the case's report says; which triangle is which grain's is lost.",
+    "Masses and poses are not carried.",
+)
+"""What the format does not carry."""
 
 
 def files(
@@ -169,7 +175,7 @@ def files(
 def _report(grains: Packing, treated: Solids, region: Region, frame: Frame, gap: float) -> dict[str, Any]:
     """Return porosity and surface before and after, and what the gaps ask of the mesh."""
     graph = contacts(grains, within=2 * gap)
-    before = _sizes(fused(solids(grains, frame)), region, frame)
+    before = _sizes(fused(as_manifolds(grains, frame)), region, frame)
     after = _sizes(treated.bodies, region, frame)
     smallest = float(graph.gaps.min()) if len(graph) else None
     return {

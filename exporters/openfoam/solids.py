@@ -78,19 +78,19 @@ def treat(grains: Packing, kind: str, gap: float, frame: Frame) -> Solids:
         Where the solids live.
     """
     if kind == "shrink":
-        return Solids(solids(heal(grains, gap=gap).packing, frame))
+        return Solids(as_manifolds(heal(grains, gap=gap).packing, frame))
     if kind == "none":
-        return Solids(solids(grains, frame))
+        return Solids(as_manifolds(grains, frame))
     if kind == "union":
         growth = 1.0 + gap / frame.length
-        return Solids(fused(solids(grains, frame, growth)), growth)
+        return Solids(fused(as_manifolds(grains, frame, growth)), growth)
     graph = contacts(grains, within=gap)
     if kind == "cap":
-        return Solids(_capped(solids(grains, frame), graph, gap, frame))
-    return _bridged(solids(grains, frame), graph, gap, frame)
+        return Solids(_capped(as_manifolds(grains, frame), graph, gap, frame))
+    return _bridged(as_manifolds(grains, frame), graph, gap, frame)
 
 
-def solids(grains: Packing, frame: Frame, growth: float = 1.0) -> list[Any]:
+def as_manifolds(grains: Packing, frame: Frame, growth: float = 1.0) -> list[Any]:
     """Return each grain as a manifold, larger by a factor about its centroid."""
     import manifold3d
 

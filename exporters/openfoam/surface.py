@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
     Singles = NDArray[np.float32]
 
-SLIVER = 1e-5
-"""Features below this size, in diameters, are taken off first: rounding would make them triangles without area."""
+SLIVERS = (0.0, 1e-6, 4e-6, 1.6e-5, 6.4e-5)
+"""Sizes, in diameters, below which features are taken off, one after another until rounding leaves a sound surface."""
 
 ON_FACE = 1e-7
 """Distance from a face of the region, in diameters, within which a triangle lies on it."""
@@ -44,22 +44,31 @@ def rounded(bodies: list[Any], frame: Frame, shift: Floats) -> Singles:
     Raises
     ------
     InputError
-        If rounding leaves a triangle without area: the bodies lie too far from the origin, or are too fine.
+        If rounding does not leave that: the bodies lie too far from the origin, or too near one another.
     """
-    tolerance = SLIVER
-    for _ in range(4):
-        singles = (corners([body.simplify(tolerance) for body in bodies], frame) + shift).astype(np.float32)
+    for tolerance in SLIVERS:
+        smooth = [body.simplify(tolerance) for body in bodies] if tolerance else bodies
+        singles = (corners(smooth, frame) + shift).astype(np.float32)
         # Where an edge has shrunk to a point, both its triangles have gone: what is left is closed.
         distinct = [(singles[:, a] != singles[:, b]).any(axis=1) for a, b in ((0, 1), (1, 2), (2, 0))]
         singles = singles[np.logical_and.reduce(distinct)]
-        flat = np.linalg.norm(vector_areas(singles), axis=1) == 0
-        if not flat.any():
+        if _is_sound(singles):
             return singles
-        tolerance *= 4
     raise InputError(
-        f"{int(flat.sum())} triangles of the grains' surface lose their area in single precision; use origin='region', "
-        "or a larger gap"
+        "the grains' surface does not stay closed, or loses the area of a triangle, in single precision; use "
+        "origin='region' or a larger gap"
     )
+
+
+def _is_sound(triangles: Singles) -> bool:
+    """Return whether every triangle has an area and every edge two faces: points are known by their place alone."""
+    if not np.linalg.norm(vector_areas(triangles), axis=1).all():
+        return False
+    _, ids = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
+    ids = ids.reshape(-1, 3)
+    edges = np.sort(np.concatenate([ids[:, [0, 1]], ids[:, [1, 2]], ids[:, [2, 0]]]), axis=1)
+    _, counts = np.unique(edges @ np.array([len(ids) * 3, 1]), return_counts=True)
+    return bool((counts == 2).all())
 
 
 def on_faces(triangles: Floats, region: Region, length: float) -> NDArray[np.int8]:

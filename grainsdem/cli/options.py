@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import json
 import sys
+import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,7 +13,7 @@ import typer
 from rich.console import Console
 
 import grainsdem
-from grainsdem.errors import GrainsDEMError, ValidationError
+from grainsdem.errors import GrainsDEMError, InputError, ValidationError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -72,6 +73,20 @@ def load(path: Path) -> Packing:
     import exporters
 
     return exporters.read(path) if path.suffix.lower() in exporters.READERS else grainsdem.load(path)
+
+
+def keyed(items: list[str]) -> dict[str, Any]:
+    """Return what texts such as ``key=value`` say; a value is read as TOML, or is a word."""
+    found: dict[str, Any] = {}
+    for item in items:
+        key, equals, value = item.partition("=")
+        if not (key and equals):
+            raise InputError(f"an option is written as key=value; got {item!r}")
+        try:
+            found[key] = tomllib.loads(f"value = {value}")["value"]
+        except tomllib.TOMLDecodeError:
+            found[key] = value
+    return found
 
 
 def show_summary(packing: Packing, *, json_: bool, quiet: bool, title: str, within: float | None = None) -> None:

@@ -1,4 +1,4 @@
-"""Commands that hand a bed on: export, render."""
+"""Commands that hand a bed on: export, permeability, render."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 import grainsdem
-from grainsdem.cli.options import Bed, Json, Quiet, app, guarded, load, out, print_json
+from grainsdem.cli.options import Bed, Json, Quiet, app, guarded, keyed, load, out, print_json
 
 
 @app.command()
@@ -16,23 +16,59 @@ from grainsdem.cli.options import Bed, Json, Quiet, app, guarded, load, out, pri
 def export(
     bed: Bed,
     outputs: Annotated[
-        list[Path], typer.Argument(help="Files to write; the suffix picks the format.", show_default=False)
+        list[Path],
+        typer.Argument(help="Files to write, the suffix picks the format; with --to a folder.", show_default=False),
     ],
+    to: Annotated[str | None, typer.Option(help="A format that fills a folder: openfoam.", show_default=False)] = None,
+    option: Annotated[
+        list[str] | None,
+        typer.Option(help="An option of the format, such as binary=false or contact=cap.", show_default=False),
+    ] = None,
     json_: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Write a bed for other programs: .xml (MuJoCo), .usda or .usdc (OpenUSD), .stl, .obj."""
+    """Write a bed for other programs: .xml (MuJoCo), .usda or .usdc (OpenUSD), .stl, .obj, or an OpenFOAM case."""
     import exporters
 
-    packing = load(bed)
+    packing, options = load(bed), keyed(option or [])
     for output in outputs:
-        exporters.module_for(output.suffix)  # all are known before the first is written
-    files = [path for output in outputs for path in exporters.write(packing, output)]
+        exporters.find(to or output.suffix)  # all are known before the first is written
+    files = [path for output in outputs for path in exporters.write(packing, output, formats=to, **options)]
     if json_:
         print_json({"files": [str(path) for path in files]})
     elif not quiet:
         for path in files:
             out.print(f"wrote {path}", highlight=False)
+
+
+@app.command()
+@guarded
+def permeability(
+    case: Annotated[
+        Path, typer.Argument(help="An OpenFOAM case that we exported and its Allrun ran.", show_default=False)
+    ],
+    json_: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Read the permeability from an OpenFOAM case that was run."""
+    from dataclasses import asdict
+
+    from exporters.openfoam import flow
+    from grainsdem.screen import print_facts
+
+    found = flow(case)
+    if json_:
+        print_json(asdict(found))
+    elif not quiet:
+        facts = {
+            "permeability, m²": f"{found.permeability:.4g}",
+            "by Kozeny and Carman, m²": f"{found.kozeny_carman:.4g}",
+            "ratio": f"{found.permeability / found.kozeny_carman:.3f}",
+            "seepage velocity, m/s": f"{found.velocity:.4g}",
+            "Reynolds number": f"{found.reynolds:.3g}",
+            "steady": "yes" if found.is_steady else "no: let it run longer",
+        }
+        print_facts(out, str(case), facts)
 
 
 @app.command()
