@@ -8,20 +8,17 @@ import numpy as np
 from numba import njit, prange
 
 from grainsdem.errors import GrainsDEMError, name_offenders
+from grainsdem.geometry.cells.cutting import CUT, EMPTY, FULL, HOME, LOST
+from grainsdem.geometry.cells.emitting import BROKEN, emit
 from grainsdem.ragged import offsets_from_counts
-from grainsdem.tessellation.clipping import CUT, EMPTY, FULL, HOME, LOST
 from grainsdem.tessellation.growing import gather, grow, leaf_of
 from grainsdem.tessellation.light import CHUNK, SIZE, list_arrays, work_arrays
-from grainsdem.tessellation.merging import has_short_edge, merge
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from grainsdem.tessellation.frame import Frame
     from grainsdem.tessellation.tree import Tree
-
-BROKEN = 4
-"""Status of a cell that does not obey V − E + F = 2."""
 
 WIDEST = 1e-6
 """Largest length, relative to the domain, that repairs may take for rounding."""
@@ -53,48 +50,6 @@ class Cells(NamedTuple):
     shifts: NDArray[np.int8]
 
 
-@njit(cache=True)
-def _emit(work, n_tri, n_planes, tolerance, vertices, counts, ids, codes, corners):  # type: ignore[no-untyped-def]
-    """Write one cell into the buffers; return status and the numbers of vertices, faces and corners."""
-    geo, tri, _, tags, _ = work
-    if n_tri > len(vertices) or n_tri // 2 + 2 > len(counts) or 3 * n_tri > len(corners):
-        return FULL, 0, 0, 0
-    for p in range(n_planes):
-        tags[2, p] = -1
-    for t in range(n_tri):
-        for axis in range(3):
-            vertices[t, axis] = geo[axis, t]
-            tags[2, tri[axis, t]] = t
-    n_faces = n_corners = np.int64(0)  # typed: a literal would have numba compile every callee twice
-    for p in range(n_planes):
-        first = tags[2, p]
-        if first < 0:
-            continue
-        start = n_corners
-        t = first
-        while True:
-            corners[n_corners] = t
-            n_corners += 1
-            k = 0 if tri[0, t] == p else (1 if tri[1, t] == p else 2)
-            t = tri[3 + (k + 2) % 3, t]
-            if t == first:
-                break
-        counts[n_faces] = n_corners - start
-        ids[n_faces] = tags[0, p]
-        codes[n_faces] = tags[1, p]
-        n_faces += 1
-    n_vertices = n_tri
-    if has_short_edge(vertices, corners, counts, n_faces, tolerance):
-        n_vertices, n_faces, n_corners = merge(
-            vertices, corners, counts, ids, codes, n_vertices, n_faces, tolerance, tri[7:10]
-        )
-    if n_faces == 0:
-        return EMPTY, 0, 0, 0
-    if 2 * (n_vertices + n_faces - 2) != n_corners:
-        return BROKEN, 0, 0, 0
-    return CUT, n_vertices, n_faces, n_corners
-
-
 @njit(cache=True, parallel=True)
 def _grow_cells(tree, frame, places, bans, ban_offsets, size, chunk, room, batch, status, tolerances):  # type: ignore[no-untyped-def]
     vertices, counts, ids, codes, corners, spans = batch
@@ -115,8 +70,8 @@ def _grow_cells(tree, frame, places, bans, ban_offsets, size, chunk, room, batch
             code, n_tri, n_planes = grow(place, tree, frame, banned, around, named, count, known, work)
             n_v = n_f = n_c = 0
             if code == CUT:
-                code, n_v, n_f, n_c = _emit(
-                    work, n_tri, n_planes, tolerances[at],
+                code, n_v, n_f, n_c = emit(
+                    work[0], work[1], work[3], n_tri, n_planes, tolerances[at],
                     vertices[v:v_end], counts[f:f_end], ids[f:f_end], codes[f:f_end], corners[c:c_end],
                 )  # fmt: skip
             spans[at, 0], spans[at, 1] = v, n_v

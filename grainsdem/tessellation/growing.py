@@ -12,7 +12,7 @@ from math import sqrt
 import numpy as np
 from numba import njit
 
-from grainsdem.tessellation.clipping import CUT, HOME, UNTOUCHED, cut, start_box
+from grainsdem.geometry.cells.cutting import CUT, HOME, UNTOUCHED, cut, polish, start_box
 
 GROWTH = 1.4
 """Ratio of the radii of successive balls."""
@@ -321,7 +321,7 @@ def grow(place, tree, frame, banned, around, named, count, known, work):  # type
         # The list is used to its end before the tree is searched.
         radius = min(known if radius < known < grown else grown, reach)
         rounds += 1
-    _polish(geo, tri, planes, n_tri, 64.0 * slack)
+    polish(geo, tri, planes, n_tri, 64.0 * slack)
     return CUT, n_tri, n_planes
 
 
@@ -331,28 +331,3 @@ def _is_banned(banned, key):  # type: ignore[no-untyped-def]
         if other == key:
             return True
     return False
-
-
-@njit(cache=True)
-def _polish(geo, tri, planes, n_tri, most):  # type: ignore[no-untyped-def]
-    """Move every vertex to where its three planes meet, if that is well defined and not farther than ``most``.
-
-    The vertices carry the rounding of the large cell that they were cut from; their planes do not.
-    """
-    for t in range(n_tri):
-        a, b, c = tri[0, t], tri[1, t], tri[2, t]
-        ax, ay, az, ad = planes[0, a], planes[1, a], planes[2, a], planes[3, a]
-        bx, by, bz, bd = planes[0, b], planes[1, b], planes[2, b], planes[3, b]
-        cx, cy, cz, cd = planes[0, c], planes[1, c], planes[2, c], planes[3, c]
-        ux, uy, uz = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
-        det = ax * ux + ay * uy + az * uz
-        if abs(det) < 1e-3:  # below, the meeting point is worth no more than the vertex as it is
-            continue
-        vx, vy, vz = cy * az - cz * ay, cz * ax - cx * az, cx * ay - cy * ax
-        wx, wy, wz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-        px = (ad * ux + bd * vx + cd * wx) / det
-        py = (ad * uy + bd * vy + cd * wy) / det
-        pz = (ad * uz + bd * vz + cd * wz) / det
-        if (px - geo[0, t]) ** 2 + (py - geo[1, t]) ** 2 + (pz - geo[2, t]) ** 2 <= most * most:
-            geo[0, t], geo[1, t], geo[2, t] = px, py, pz
-            geo[3, t] = px * px + py * py + pz * pz

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numba import njit, prange
 
-from grainsdem.tessellation.clipping import CUT, FULL
+from grainsdem.geometry.cells.cutting import CUT, FULL
 from grainsdem.tessellation.growing import gather, grow, leaf_of
 
 if TYPE_CHECKING:

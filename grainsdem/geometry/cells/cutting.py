@@ -280,3 +280,28 @@ def cut(geo, tri, planes, tags, n_tri, n_planes, rx, ry, rz, half, slack):  # ty
         for e in range(length, count):
             tri[6, tri[7, e]] = 0
     return CUT, new_size
+
+
+@njit(cache=True)
+def polish(geo, tri, planes, n_tri, most):  # type: ignore[no-untyped-def]
+    """Move every vertex to where its three planes meet, if that is well defined and not farther than ``most``.
+
+    The vertices carry the rounding of the large cell that they were cut from; their planes do not.
+    """
+    for t in range(n_tri):
+        a, b, c = tri[0, t], tri[1, t], tri[2, t]
+        ax, ay, az, ad = planes[0, a], planes[1, a], planes[2, a], planes[3, a]
+        bx, by, bz, bd = planes[0, b], planes[1, b], planes[2, b], planes[3, b]
+        cx, cy, cz, cd = planes[0, c], planes[1, c], planes[2, c], planes[3, c]
+        ux, uy, uz = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
+        det = ax * ux + ay * uy + az * uz
+        if abs(det) < 1e-3:  # below, the meeting point is worth no more than the vertex as it is
+            continue
+        vx, vy, vz = cy * az - cz * ay, cz * ax - cx * az, cx * ay - cy * ax
+        wx, wy, wz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+        px = (ad * ux + bd * vx + cd * wx) / det
+        py = (ad * uy + bd * vy + cd * wy) / det
+        pz = (ad * uz + bd * vz + cd * wz) / det
+        if (px - geo[0, t]) ** 2 + (py - geo[1, t]) ** 2 + (pz - geo[2, t]) ** 2 <= most * most:
+            geo[0, t], geo[1, t], geo[2, t] = px, py, pz
+            geo[3, t] = px * px + py * py + pz * pz
