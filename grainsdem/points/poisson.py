@@ -14,8 +14,10 @@ if TYPE_CHECKING:
     from grainsdem.model import Domain
 
 
-def poisson(domain: Domain, n: int, *, rng: np.random.Generator | int | None = None) -> NDArray[np.float64]:
-    """Return ``n`` seeds, independent and uniform in the domain (a binomial process: Poisson given its count).
+def poisson(
+    domain: Domain, n: int, *, exact: bool = True, rng: np.random.Generator | int | None = None
+) -> NDArray[np.float64]:
+    """Return seeds that are independent and uniform in the domain.
 
     Parameters
     ----------
@@ -23,6 +25,8 @@ def poisson(domain: Domain, n: int, *, rng: np.random.Generator | int | None = N
         Where the seeds lie.
     n : int
         Number of seeds, at least 1.
+    exact : bool
+        Whether there are exactly ``n`` (the binomial process), or ``n`` on the average, as in Poisson's own process.
     rng : numpy.random.Generator, int or None
         Source of randomness, or a seed for one.
 
@@ -38,6 +42,13 @@ def poisson(domain: Domain, n: int, *, rng: np.random.Generator | int | None = N
     """
     check_count(n)
     generator = np.random.default_rng(rng)
+    if not exact:
+        n = int(generator.poisson(n))
+    return uniform(domain, n, generator)
+
+
+def uniform(domain: Domain, n: int, generator: np.random.Generator) -> NDArray[np.float64]:
+    """Return ``n`` points [m], shape (n, 3), independent and uniform in the domain; none is allowed."""
     points = place(generator.random((n, 3)), domain)
     if not len(domain.planes):
         return points
