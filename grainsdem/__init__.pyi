@@ -35,6 +35,7 @@ from .measures import (
 )
 from .model import CellLinks, Check, ContactGraph, Domain, Packing, Polyhedra, Report, Tessellation
 from .packing import Healed, carve, contacts, heal, neighbor_contacts, rescale, shrink, shuffle
+from .packing.inset import inset
 from .storage import load, load_history, save
 from .tessellation import Relaxation, relax, relaxation, sized_cells, tessellate
 from .validation import compare, validate
@@ -79,6 +80,7 @@ __all__ = [
     "figures",
     "heal",
     "inertia_tensors",
+    "inset",
     "integrate",
     "load",
     "load_history",
