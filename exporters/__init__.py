@@ -1,75 +1,99 @@
-"""Writers of packings: one module a format, one row in `FORMATS`."""
+"""Writers of packings: one module a format, one row in `FORMATS`.
+
+A module of a format holds
+
+``Options``
+    A frozen dataclass of keyword-only options, each with a default, checked when it is made.
+``files(packing, *, name, suffix, options)``
+    Returns a dictionary, the main file first: file name to content. A name may have folders, parted by ``/``; files of
+    different formats with the same ``name`` must not share a file name. Content is bytes, or an iterable of bytes made
+    while it is written, for files that are larger than what they are made from. All input is checked before it returns:
+    `exporters.check.measured` and `check_name` do so. The same packing gives the same bytes.
+``LOSES``
+    A tuple of plain sentences: what of a packing the format does not carry.
+``factors(packing, options)``, unless the file is in SI
+    Returns the factors from the file's units to SI: ``{"length": m, "mass": kg, "time": s}``. They also stand in the
+    file, for `read`.
+
+Other distributions add formats through entry points of the group ``grainsdem.exporters``: the name of the format, and a
+module as above with ``SUFFIXES`` besides, a tuple, empty for a format that is a folder.
+"""
 
 from __future__ import annotations
 
 from dataclasses import fields
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from exporters import manifest
+from exporters.formats import FORMATS, Format, find, find_for, known
 from exporters.reading import READERS, read, rounding
 from grainsdem.atomic import write_all
-from grainsdem.errors import InputError, WriteError
+from grainsdem.errors import InputError
 
 if TYPE_CHECKING:
     import os
+    from collections.abc import Sequence
     from types import ModuleType
 
+    from exporters.formats import Found
     from grainsdem.model import Packing
 
-__all__ = ["FORMATS", "READERS", "files", "module_for", "read", "rounding", "write"]
-
-FORMATS = {
-    ".xml": "exporters.mjcf",
-    ".usda": "exporters.usd",
-    ".usdc": "exporters.usd",
-    ".stl": "exporters.stl",
-    ".obj": "exporters.obj",
-}
-"""Suffix of a file and the module that writes it. A module has ``Options``, a dataclass, and ``files``."""
+__all__ = [
+    "FORMATS", "READERS", "Format", "files", "find", "known", "module_for", "read", "rounding", "write",
+]  # fmt: skip
 
 
 def write(
     packing: Packing,
     path: str | os.PathLike[str],
     *,
+    format: str | None = None,  # noqa: A002  (the field's word for it)
+    formats: str | Sequence[str] | None = None,
+    name: str = "bed",
     overwrite: bool = True,
     **options: Any,
 ) -> list[Path]:
-    """Write a packing; the suffix of the path picks the format.
+    """Write a packing: one file whose suffix picks the format, or a folder with many formats and a manifest.
 
     Parameters
     ----------
     packing : Packing
         Any packing of at least one grain.
     path : path-like
-        Where to write: ``.xml`` is MJCF, ``.usda`` and ``.usdc`` USD, ``.stl`` STL, ``.obj`` OBJ.
+        File to write; with ``formats`` a folder, made if it is not there.
+    format : str, optional
+        Name of the format of the one file, where its suffix is not that format's own.
+    formats : str or sequence of str, optional
+        Names or suffixes of formats, `known` lists them. Beside their files stands ``manifest.json``: see
+        `exporters.manifest`.
+    name : str
+        Name of the files in a folder, without suffix.
     overwrite : bool
         Whether files that exist are replaced.
     **options
-        Fields of the format's options: `exporters.mjcf.MjcfOptions`, `exporters.usd.UsdOptions` or
-        `exporters.stl.StlOptions`.
+        Fields of the format's options, `exporters.mjcf.MjcfOptions` for one; with many formats each gets those that it
+        has.
 
     Returns
     -------
     list of Path
-        The files written, the one that was asked for first. Each is whole or not there.
+        The files written, the one that was asked for first. All are there, each whole, or none.
 
     Raises
     ------
     InputError
-        If the suffix or an option is unknown, an option is out of range, or the packing is empty or not
-        finite.
+        If a format or an option is unknown, an option is out of range, or the packing is empty or not finite.
     WriteError
         If a file exists and ``overwrite`` is false, or cannot be written.
     """
     path = Path(path)
-    content = files(packing, path.suffix, name=path.stem, **options)
-    if not overwrite:
-        for name in content:
-            if (path.parent / name).exists():
-                raise WriteError(f"{path.parent / name}: exists already; pass overwrite=True to replace it")
-    return write_all(path.parent, content)
+    if formats is None:
+        found = find_for(path, format)
+        return write_all(path.parent, _content(packing, found, path.stem, options), overwrite=overwrite)
+    several = [find(word) for word in ([formats] if isinstance(formats, str) else formats)]
+    content = manifest.together(packing, several, name, _shared(several, options))
+    return write_all(path, content, overwrite=overwrite, make_folder=True)
 
 
 def files(
@@ -86,7 +110,7 @@ def files(
     packing : Packing
         Any packing of at least one grain.
     suffix : str
-        Format, as a suffix: ``".xml"``, ``".usda"``, ``".usdc"``, ``".stl"``.
+        Format, as a suffix (``".usda"``) or a name (``"usd"``).
     name : str
         Name of the files without suffix.
     **options
@@ -97,17 +121,31 @@ def files(
     InputError
         As `write`.
     """
-    module = module_for(suffix)
-    known = [field.name for field in fields(module.Options)]
-    unknown = [option for option in options if option not in known]
-    if unknown:
-        raise InputError(f"{suffix} has no option {', '.join(unknown)}; it has {', '.join(known)}")
-    content: dict[str, bytes] = module.files(packing, name=name, suffix=suffix, options=module.Options(**options))
-    return content
+    written = _content(packing, find(suffix), name, options)
+    return {file: part if isinstance(part, bytes) else b"".join(part) for file, part in written.items()}
 
 
 def module_for(suffix: str) -> ModuleType:
     """Return the module that writes files of a suffix, imported when it is needed."""
-    if suffix.lower() not in FORMATS:
-        raise InputError(f"no format has the suffix {suffix!r}; known are {', '.join(FORMATS)}")
-    return import_module(FORMATS[suffix.lower()])
+    return find(suffix).module
+
+
+def _content(packing: Packing, found: Found, name: str, options: dict[str, Any]) -> dict[str, Any]:
+    """Return the files of one format, all of whose options must be known."""
+    [chosen] = _shared([found], options)
+    content: dict[str, Any] = found.module.files(packing, name=name, suffix=found.suffix, options=chosen)
+    return content
+
+
+def _shared(found: Sequence[Found], options: dict[str, Any]) -> list[Any]:
+    """Return the options of each format: those of the given that it has."""
+    known_to = [{field.name for field in fields(one.module.Options)} for one in found]
+    unknown = [option for option in options if not any(option in names for names in known_to)]
+    if unknown:
+        names = dict.fromkeys(field.name for one in found for field in fields(one.module.Options))
+        formats = ", ".join(one.suffix or one.name for one in found) or "no format"
+        raise InputError(f"{formats} has no option {', '.join(unknown)}; it has {', '.join(names)}")
+    return [
+        one.module.Options(**{key: value for key, value in options.items() if key in names})
+        for one, names in zip(found, known_to, strict=True)
+    ]

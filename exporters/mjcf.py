@@ -168,6 +168,12 @@ class MjcfOptions:
 
 Options = MjcfOptions
 
+LOSES = (
+    "Polygons are cut into triangles; MuJoCo keeps vertices in single precision, about each grain's centre.",
+    "Periodic axes become walls; MuJoCo has none.",
+)
+"""What the format does not carry."""
+
 
 def files(
     packing: Packing, *, name: str = "bed", suffix: str = ".xml", options: MjcfOptions | None = None
@@ -175,6 +181,12 @@ def files(
     """Return the one file that MuJoCo reads: ``{"bed.xml": …}``; see `text`."""
     check_name(name)
     return {f"{name}{suffix}": text(packing, options, name=name).encode()}
+
+
+def factors(packing: Packing, options: MjcfOptions) -> dict[str, float]:
+    """Return the factors from the file's units to SI: lengths in m, masses in kg, times in s."""
+    scales = units(packing, options.gravity)
+    return {"length": scales.length, "mass": scales.mass, "time": scales.time}
 
 
 def text(packing: Packing, options: MjcfOptions | None = None, *, name: str = "bed") -> str:

@@ -39,6 +39,12 @@ class ObjOptions:
 
 Options = ObjOptions
 
+LOSES = (
+    "Polygons are cut into triangles, and vertices have nine significant digits.",
+    "Masses, densities and poses are not carried.",
+)
+"""What the format does not carry."""
+
 
 def files(
     packing: Packing, *, name: str = "bed", suffix: str = ".obj", options: ObjOptions | None = None

@@ -69,6 +69,12 @@ class StlOptions:
 
 Options = StlOptions
 
+LOSES = (
+    "Polygons are cut into triangles, and vertices are rounded to single precision.",
+    "Masses, densities and poses are not carried; which triangles are which grain's stands in the table beside it.",
+)
+"""What the format does not carry."""
+
 
 def files(
     packing: Packing, *, name: str = "bed", suffix: str = ".stl", options: StlOptions | None = None

@@ -79,6 +79,9 @@ class UsdOptions:
 
 Options = UsdOptions
 
+LOSES = ("Points are in single precision about each grain's centre, masses and inertias in single precision.",)
+"""What the format does not carry."""
+
 
 def files(
     packing: Packing, *, name: str = "bed", suffix: str = ".usdc", options: UsdOptions | None = None

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from grainsdem.errors import WriteError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
 
 
 @contextmanager
@@ -42,15 +42,76 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
                 temporary.unlink()
 
 
-def write_all(folder: str | os.PathLike[str], files: Mapping[str, bytes]) -> list[Path]:
-    """Write several files into one folder, each whole or not at all, and return their paths."""
-    paths = []
-    for name, content in files.items():
-        path = Path(folder) / name
-        with replacing(path) as temporary:
-            temporary.write_bytes(content)
-        paths.append(path)
+def write_all(
+    folder: str | os.PathLike[str],
+    files: Mapping[str, bytes | Iterable[bytes]],
+    *,
+    overwrite: bool = True,
+    make_folder: bool = False,
+) -> list[Path]:
+    """Write several files into one folder, all of them or none, and return their paths.
+
+    Parameters
+    ----------
+    folder : str or path-like
+        Where they go.
+    files : mapping of str to bytes or iterable of bytes
+        Content of each file, in the order that it is written; an iterable is written as it comes. A name may have
+        folders, parted by ``/``, that are made.
+    overwrite : bool
+        Whether files that exist are replaced.
+    make_folder : bool
+        Whether ``folder`` itself is made where it is not there.
+
+    Raises
+    ------
+    WriteError
+        If a file exists and ``overwrite`` is false, a folder does not exist, or the disk is full. Nothing is left
+        behind.
+    """
+    folder = Path(folder)
+    paths = [folder / name for name in files]
+    existing = [path for path in paths if path.exists()]
+    if existing and not overwrite:
+        raise WriteError(f"{existing[0]}: exists already; pass overwrite=True (--force) to replace it")
+    place = paths[0] if paths else folder
+    made: list[Path] = []
+    try:
+        if make_folder:
+            _make(folder, made)
+        # Beside their places, so that moving them is renaming them.
+        with tempfile.TemporaryDirectory(prefix=".writing-", dir=folder) as staging:
+            staged: list[Path] = []
+            for place, content in zip(paths, files.values(), strict=True):
+                staged.append(Path(staging) / f"{len(staged)}-{place.name}")
+                _fill(staged[-1], content)
+            for place, temporary in zip(paths, staged, strict=True):
+                _make(place.parent, made)
+                temporary.replace(place)
+    except BaseException as error:
+        for directory in reversed(made):
+            with suppress(OSError):
+                directory.rmdir()
+        if isinstance(error, OSError) and not isinstance(error, WriteError):
+            raise WriteError(f"{place}: cannot be written: {error.strerror or error}") from error
+        raise
     return paths
+
+
+def _fill(path: Path, content: bytes | Iterable[bytes]) -> None:
+    """Write content to a path, block by block where it comes so."""
+    with path.open("wb") as file:
+        for block in [content] if isinstance(content, bytes) else content:
+            file.write(block)
+    if isinstance(content, bytes) and content.startswith(b"#!"):
+        path.chmod(0o777 & ~_umask())  # a script
+
+
+def _make(folder: Path, made: list[Path]) -> None:
+    """Make a folder and those above it, and note those that were not there."""
+    missing = [parent for parent in (folder, *folder.parents) if not parent.exists()]
+    folder.mkdir(parents=True, exist_ok=True)
+    made += reversed(missing)
 
 
 def _umask() -> int:

@@ -1,5 +1,8 @@
 """What all formats share: the table of suffixes, refusals, and files that are whole or not there."""
 
+import errno
+import hashlib
+import json
 import re
 import subprocess
 import sys
@@ -15,7 +18,7 @@ from grainsdem.model import Packing, Polyhedra
 
 pytestmark = pytest.mark.unit
 
-SUFFIXES = sorted(exporters.FORMATS)
+SUFFIXES = [suffix for row in exporters.FORMATS.values() for suffix in row.suffixes]
 
 
 def changed(packing, name, index, value):
@@ -74,7 +77,7 @@ def test_vertices_that_are_not_finite_and_grains_inside_out_are_refused(fresh, s
 
 @pytest.mark.parametrize("suffix", [".ply", "", ".h5"])
 def test_an_unknown_suffix_is_refused_with_the_known_ones(fresh, tmp_path, suffix):
-    with pytest.raises(InputError, match=re.escape(f"{suffix!r}; known are .xml, .usda, .usdc, .stl")):
+    with pytest.raises(InputError, match=re.escape(f"{suffix!r}; known are .xml, .usdc, .usda, .stl")):
         exporters.write(fresh, tmp_path / f"bed{suffix}")
 
 
@@ -129,3 +132,91 @@ def test_rows_of_text_hold_the_numbers_in_order_across_blocks():
 def test_a_pattern_is_repeated_and_minus_zero_is_zero():
     assert filled("<%g %g>", np.array([[1.0, -0.0], [2.5, 3.0]]), [2]) == ["<1 0><2.5 3>"]
     assert filled("%d", np.array([], dtype=np.int64), [0, 0], separator=",") == ["", ""]
+
+
+def test_one_folder_holds_every_format_and_a_manifest_of_the_same_bytes_twice(fresh, tmp_path):
+    seeded = fresh.with_step("recipe", rng=11)
+    paths = exporters.write(seeded, tmp_path / "out", formats=["mjcf", "usd", ".usda", "stl"], friction=0.3)
+    assert [path.name for path in paths] == [
+        "bed.xml", "bed.usdc", "bed.usda", "bed.stl", "bed.grains.csv", "manifest.json",
+    ]  # fmt: skip
+    manifest = json.loads(paths[-1].read_text())
+    listed = [file for row in manifest["formats"] for file in row["files"]]
+    assert {file["name"]: file["sha256"] for file in listed} == {
+        path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in paths[:-1]
+    }
+    assert [row["options"].get("friction") for row in manifest["formats"]] == [0.3, 0.3, 0.3, None]
+    assert all(row["loses"] for row in manifest["formats"])
+    facts = manifest["packing"]
+    assert (facts["n_grains"], facts["seeds"]) == (len(fresh), [11])
+    assert facts["porosity_of_domain"] == pytest.approx(1 - facts["volume"] / fresh.domain.volume)
+    mjcf, stl = manifest["formats"][0]["units"], manifest["formats"][3]["units"]
+    assert mjcf["length"] == facts["median_diameter"]
+    assert stl == {"length": 1.0, "mass": 1.0, "time": 1.0}
+    again = exporters.write(seeded, tmp_path / "again", formats=["mjcf", "usd", ".usda", "stl"], friction=0.3)
+    assert [path.read_bytes() for path in paths] == [path.read_bytes() for path in again]
+
+
+def test_formats_that_cannot_be_written_together_are_refused(cube, tmp_path):
+    with pytest.raises(InputError, match=r"usd\.usdc writes bed\.usdc, which a format before it writes too"):
+        exporters.write(cube, tmp_path / "out", formats=["usd", ".usdc"])
+    with pytest.raises(InputError, match="at least one format; got none"):
+        exporters.write(cube, tmp_path / "out", formats=[])
+    with pytest.raises(InputError, match=r"has no option colour; it has"):
+        exporters.write(cube, tmp_path / "out", formats=["mjcf", "stl"], colour=1)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_disk_that_fills_up_is_one_error_and_leaves_nothing(cube, tmp_path, monkeypatch):
+    from exporters import stl
+
+    def endless(*_args, **_options):
+        def blocks():
+            yield b"half of it"
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+        return {"bed.stl": blocks()}
+
+    monkeypatch.setattr(stl, "files", endless)
+    (tmp_path / "bed.xml").write_text("mine")
+    with pytest.raises(WriteError, match=r"bed\.stl: cannot be written: No space left on device"):
+        exporters.write(cube, tmp_path, formats=["mjcf", "stl"])
+    assert [path.name for path in tmp_path.iterdir()] == ["bed.xml"]
+    assert (tmp_path / "bed.xml").read_text() == "mine"
+    with pytest.raises(WriteError, match="No space left"):
+        exporters.write(cube, tmp_path / "new" / "folder", formats=["stl"])
+    assert not (tmp_path / "new").exists()
+
+
+@pytest.fixture
+def third_party(tmp_path, monkeypatch):
+    """A distribution of somebody else's, installed as pip leaves it: a module and its metadata."""
+    site = tmp_path / "site"
+    info = site / "xyzgrains-1.0.dist-info"
+    info.mkdir(parents=True)
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: xyzgrains\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[grainsdem.exporters]\nxyz = xyzgrains\nbad = json\n")
+    (site / "xyzgrains.py").write_text(
+        "from dataclasses import dataclass\n"
+        'SUFFIXES = (".xyz",)\n'
+        'LOSES = ("All but positions.",)\n'
+        "@dataclass(frozen=True, kw_only=True)\n"
+        "class Options:\n"
+        "    digits: int = 3\n"
+        "def files(packing, *, name, suffix, options):\n"
+        '    rows = (f"{x:.{options.digits}f}\\n".encode() for x in packing.positions[:, 0])\n'
+        '    return {f"{name}{suffix}": rows}\n'
+    )
+    monkeypatch.syspath_prepend(str(site))
+    return site
+
+
+@pytest.mark.usefixtures("third_party")
+def test_another_distribution_adds_a_format_by_an_entry_point(cube, tmp_path):
+    assert "xyz" in exporters.known()
+    [path] = exporters.write(cube, tmp_path / "bed.xyz", format="xyz", digits=1)
+    assert path.read_text() == "2.0\n"
+    paths = exporters.write(cube, tmp_path / "out", formats=["xyz", "mjcf"])
+    assert [path.name for path in paths] == ["bed.xyz", "bed.xml", "manifest.json"]
+    with pytest.raises(InputError, match=r"json, a format by entry point 'bad', lacks SUFFIXES, LOSES, Options, files"):
+        exporters.find("bad")

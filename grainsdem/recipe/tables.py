@@ -58,7 +58,7 @@ class OutputTable(Table):
     Parameters
     ----------
     formats : list of str
-        Suffixes of `exporters.FORMATS`, without the dot.
+        Suffixes of formats (`exporters.known`), without the dot.
     figures : bool
         Whether renders and plots are made.
     """
@@ -68,7 +68,7 @@ class OutputTable(Table):
 
     @model_validator(mode="after")
     def _known_formats(self) -> Self:
-        known = [suffix.removeprefix(".") for suffix in exporters.FORMATS]
+        known = [word.removeprefix(".") for word in exporters.known() if word.startswith(".")]
         unknown = [name for name in self.formats if name.removeprefix(".") not in known]
         if unknown:
             raise ValueError(f"formats must be among {', '.join(known)}; got {name_offenders(unknown)}")

@@ -1,0 +1,125 @@
+"""The table of formats, and where other distributions add theirs."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from importlib.metadata import entry_points
+from typing import TYPE_CHECKING, NamedTuple
+
+from grainsdem.errors import InputError
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
+    from pathlib import PurePath
+    from types import ModuleType
+
+GROUP = "grainsdem.exporters"
+"""Entry points of this group are formats of other distributions: name to module."""
+
+
+class Format(NamedTuple):
+    """One format.
+
+    Parameters
+    ----------
+    module : str
+        Module that writes it; what it must hold is said in `exporters`.
+    suffixes : tuple of str
+        Suffixes of its main file, the usual one first; none for a format that is a folder.
+    """
+
+    module: str
+    suffixes: tuple[str, ...] = ()
+
+
+FORMATS = {
+    "mjcf": Format("exporters.mjcf", (".xml",)),
+    "usd": Format("exporters.usd", (".usdc", ".usda")),
+    "stl": Format("exporters.stl", (".stl",)),
+    "obj": Format("exporters.obj", (".obj",)),
+    "openfoam": Format("exporters.openfoam"),
+}
+"""Name of a format and its row. A suffix that several share is that of the first; the others go by name."""
+
+
+class Found(NamedTuple):
+    """A format that was asked for.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    suffix : str
+        Suffix of its main file as it was asked for; empty for a folder.
+    module : ModuleType
+        What writes it.
+    """
+
+    name: str
+    suffix: str
+    module: ModuleType
+
+
+def known() -> list[str]:
+    """Return the names and suffixes that formats go by, ours before those of other distributions."""
+    suffixes = dict.fromkeys(suffix for row in FORMATS.values() for suffix in row.suffixes)
+    return [*suffixes, *FORMATS, *(name for name in _others() if name not in FORMATS)]
+
+
+def find(word: str, suffix: str = "") -> Found:
+    """Return the format of a name (``"mjcf"``) or a suffix (``".xml"``, ``"xml"``).
+
+    Parameters
+    ----------
+    word : str
+        Name or suffix, capitals or not.
+    suffix : str
+        Suffix of the main file, where a name is to be written under another than its usual one.
+
+    Raises
+    ------
+    InputError
+        If there is no such format; the message lists those that are known.
+    """
+    wanted = word.lower()
+    given = word if word.startswith(".") else f".{word}"
+    dotted = given.lower()
+    # A name goes before a suffix: "stl" is both.
+    if wanted in FORMATS:
+        row = FORMATS[wanted]
+        return Found(wanted, suffix or _first(row.suffixes), import_module(row.module))
+    for name, row in FORMATS.items():
+        if dotted in row.suffixes:
+            return Found(name, suffix or given, import_module(row.module))
+    others = _others()
+    if wanted in others:
+        module = _load(others[wanted])
+        return Found(wanted, suffix or _first(module.SUFFIXES), module)
+    for name, entry in others.items():
+        module = _load(entry)
+        if dotted in module.SUFFIXES:
+            return Found(name, suffix or given, module)
+    raise InputError(f"no format has the name or suffix {word!r}; known are {', '.join(known())}")
+
+
+def find_for(path: PurePath, name: str | None = None) -> Found:
+    """Return the format of a path: that of its suffix, or the one that is named."""
+    return find(path.suffix) if name is None else find(name, path.suffix)
+
+
+def _first(suffixes: tuple[str, ...]) -> str:
+    return suffixes[0] if suffixes else ""
+
+
+def _others() -> dict[str, EntryPoint]:
+    """Return the formats of other distributions by name, in the order of their names."""
+    return {entry.name.lower(): entry for entry in sorted(entry_points(group=GROUP), key=lambda entry: entry.name)}
+
+
+def _load(entry: EntryPoint) -> ModuleType:
+    """Import the module of an entry point, and see that it is a format's."""
+    module: ModuleType = entry.load()
+    lacking = [part for part in ("SUFFIXES", "LOSES", "Options", "files") if not hasattr(module, part)]
+    if lacking:
+        raise InputError(f"{entry.value}, a format by entry point {entry.name!r}, lacks {', '.join(lacking)}")
+    return module
