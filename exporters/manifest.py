@@ -50,8 +50,8 @@ def together(packing: Packing, found: Sequence[Found], name: str, options: Seque
     digests: dict[str, dict[str, Any]] = {}
     rows = []
     for one, chosen in zip(found, options, strict=True):
-        # A format that is a folder gets one of its own.
-        folder = "" if one.suffix else f"{one.name}/"
+        # A format that is a folder gets one of its own among others.
+        folder = "" if one.suffix or len(found) == 1 else f"{one.name}/"
         written = one.module.files(packing, name=name, suffix=one.suffix, options=chosen)
         named = {folder + file: part for file, part in written.items()}
         shared = [file for file in named if file in content]

@@ -92,6 +92,16 @@ def test_export_writes_every_format_that_is_asked_for(bed, tmp_path):
     assert all((tmp_path / name).stat().st_size > 1000 for name in names)
 
 
+def test_export_fills_a_folder_and_replaces_its_files_only_by_force(bed, tmp_path):
+    words = ["export", bed, tmp_path / "out", "--to", "mjcf", "--to", "usd", "--option", "friction=0.3", "--json"]
+    first = json.loads(call(*words).stdout)["files"]
+    assert [path.rsplit("/", 1)[1] for path in first] == ["bed.xml", "bed.usdc", "manifest.json"]
+    again = call(*words)
+    assert again.exit_code == 2
+    assert "bed.xml: exists already; pass overwrite=True (--force) to replace it" in again.stderr
+    assert call(*words, "--force").exit_code == 0
+
+
 def test_settle_writes_a_packing_and_a_history(bed, tmp_path):
     result = call("settle", bed, tmp_path / "settled.h5", "--history", tmp_path / "history.h5", "--json")
     assert result.exit_code == 0, result.output

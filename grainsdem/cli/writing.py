@@ -19,21 +19,29 @@ def export(
         list[Path],
         typer.Argument(help="Files to write, the suffix picks the format; with --to a folder.", show_default=False),
     ],
-    to: Annotated[str | None, typer.Option(help="A format that fills a folder: openfoam.", show_default=False)] = None,
+    to: Annotated[
+        list[str] | None,
+        typer.Option(help="A format by name or suffix, into the folder; may be repeated.", show_default=False),
+    ] = None,
     option: Annotated[
         list[str] | None,
         typer.Option(help="An option of the format, such as binary=false or contact=cap.", show_default=False),
     ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace files that exist.")] = False,
     json_: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Write a bed for other programs: .xml (MuJoCo), .usda or .usdc (OpenUSD), .stl, .obj, or an OpenFOAM case."""
+    """Write a bed for other programs: files by suffix, or with --to a folder of many formats and a manifest."""
     import exporters
 
     packing, options = load(bed), keyed(option or [])
-    for output in outputs:
-        exporters.find(to or output.suffix)  # all are known before the first is written
-    files = [path for output in outputs for path in exporters.write(packing, output, formats=to, **options)]
+    for word in to or [output.suffix for output in outputs]:
+        exporters.find(word)  # all are known before the first is written
+    files = [
+        path
+        for output in outputs
+        for path in exporters.write(packing, output, formats=to or None, overwrite=force, **options)
+    ]
     if json_:
         print_json({"files": [str(path) for path in files]})
     elif not quiet:
