@@ -84,8 +84,8 @@ def test_the_gap_of_shrunk_neighbours_is_one_minus_scale_times_their_heights(cel
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({}, "either scale or porosity"),
-        ({"scale": 0.5, "porosity": 0.5}, "either scale or porosity"),
+        ({}, "give one of scale, porosity"),
+        ({"scale": 0.5, "porosity": 0.5}, "give one of scale, porosity"),
         ({"scale": 0.0}, "scale must lie in"),
         ({"scale": 1.1}, "scale must lie in"),
         ({"porosity": 1.0}, r"porosity must lie in \[0, 1\)"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -206,3 +207,14 @@ def clipped_volumes(packing: Packing, planes: ArrayLike) -> NDArray[np.float64]:
     mesh = g.vertices, g.vertex_offsets, g.face_offsets, g.face_vertices, g.face_vertex_offsets
     _clipped(mesh, to_matrices(packing.quaternions), packing.positions, half_spaces, result)
     return result
+
+
+def solid_volume(packing: Packing, planes: NDArray[np.float64]) -> float:
+    """Return the volume [m³] of all grains, periodic images included, inside half-spaces within the domain."""
+    domain = packing.domain
+    solid = 0.0
+    for image in product(*((-1, 0, 1) if wraps else (0,) for wraps in domain.periodic)):
+        moved = planes.copy()
+        moved[:, 3] += planes[:, :3] @ (np.array(image) * domain.lengths)
+        solid += float(clipped_volumes(packing, moved).sum())
+    return solid

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from itertools import product
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from grainsdem.errors import InputError
-from grainsdem.geometry.clipping import box_planes, clipped_volumes
+from grainsdem.geometry.clipping import box_planes, solid_volume
 from grainsdem.geometry.integrals import volumes
 from grainsdem.geometry.rotations import world_vertices
 from grainsdem.measures.sizes import diameters
@@ -56,7 +55,7 @@ def porosity(packing: Packing, *, region: Literal["cells", "domain"] | tuple[Arr
         if region == "domain":
             domain = packing.domain
             planes = np.vstack([box_planes(domain.lower, domain.upper), domain.planes])
-            return float(1 - _solid(packing, planes) / domain.volume)
+            return float(1 - solid_volume(packing, planes) / domain.volume)
         raise InputError(f"region must be 'cells', 'domain' or the two corners of a box; got {region!r}")
     try:
         lower, upper = (np.asarray(corner, dtype=np.float64) for corner in region)
@@ -130,18 +129,7 @@ def _of_box(packing: Packing, lower: NDArray[np.float64], upper: NDArray[np.floa
             f"along a periodic axis the box must lie in the domain, {domain.lower.tolist()} to "
             f"{domain.upper.tolist()}; got {lower.tolist()} to {upper.tolist()}"
         )
-    return float(1 - _solid(packing, planes) / np.prod(upper - lower))
-
-
-def _solid(packing: Packing, planes: NDArray[np.float64]) -> float:
-    """Return the volume [m³] of all grains, periodic images included, inside half-spaces within the domain."""
-    domain = packing.domain
-    solid = 0.0
-    for image in product(*((-1, 0, 1) if wraps else (0,) for wraps in domain.periodic)):
-        moved = planes.copy()
-        moved[:, 3] += planes[:, :3] @ (np.array(image) * domain.lengths)
-        solid += float(clipped_volumes(packing, moved).sum())
-    return solid
+    return float(1 - solid_volume(packing, planes) / np.prod(upper - lower))
 
 
 def _within_planes(packing: Packing, lower: NDArray[np.float64], upper: NDArray[np.float64], inset: float) -> Box:

@@ -39,16 +39,45 @@ class CellLinks(Noun):
         Periodic image of that neighbour, in whole domain lengths.
     cell_volumes : array_like, shape (n,)
         Volume [m³] of the cell that each grain was shrunk from.
+    sites : array_like, shape (n, 3), optional
+        Seed [m] that each cell grew from.
+    heights : array_like, shape (n_faces,), optional
+        Distance [m] of each face's cell plane from the seed, outward; with ``sites`` or not at all.
+    rooms : array_like, shape (n,), optional
+        Distance [m] that each grain is certain to keep from planes of its cell that it has no face along any more;
+        infinite where there is none, as by default.
     """
 
     neighbors: Ints
     shifts: NDArray[np.int8]
     cell_volumes: Floats
+    sites: Floats | None = None
+    heights: Floats | None = None
+    rooms: Floats | None = None
 
     def __post_init__(self) -> None:
         neighbors = self.freeze("neighbors", np.int32, None)
         self.freeze("shifts", np.int8, neighbors.size, 3)
-        self.freeze("cell_volumes", np.float64, None)
+        n = self.freeze("cell_volumes", np.float64, None).size
+        if (self.sites is None) != (self.heights is None):
+            raise ShapeError("links must have both sites and heights, or neither")
+        if self.sites is None:
+            return
+        self.freeze("sites", np.float64, n, 3)
+        self.freeze("heights", np.float64, neighbors.size)
+        if self.rooms is None:
+            object.__setattr__(self, "rooms", np.full(n, np.inf))
+        self.freeze("rooms", np.float64, n)
+
+    def scaled(self, factor: float) -> CellLinks:
+        """Return the links of the same cells scaled about the origin."""
+        return replace(
+            self,
+            cell_volumes=self.cell_volumes * factor**3,
+            sites=None if self.sites is None else self.sites * factor,
+            heights=None if self.heights is None else self.heights * factor,
+            rooms=None if self.rooms is None else self.rooms * factor,
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

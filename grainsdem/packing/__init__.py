@@ -1,9 +1,29 @@
-"""Grains: carved from cells, shrunk to a porosity, rescaled to a size, shuffled, and who touches whom."""
+"""Grains: carved from cells, shrunk to a porosity, moved, rescaled to a size, shuffled, and who touches whom."""
 
 from grainsdem.packing.carve import carve
 from grainsdem.packing.contacts import contacts, neighbor_contacts
 from grainsdem.packing.heal import Healed, heal
-from grainsdem.packing.shrink import rescale, shrink
+from grainsdem.packing.inset import inset
+from grainsdem.packing.optimal import VOID_RELATIONS, VoidRelation, fit_void_ratio
+from grainsdem.packing.shrink import rescale, resize, shrink, size_of
 from grainsdem.packing.shuffle import shuffle
+from grainsdem.packing.throats import jitter_throats, throat_widths
 
-__all__ = ["Healed", "carve", "contacts", "heal", "neighbor_contacts", "rescale", "shrink", "shuffle"]
+__all__ = [
+    "VOID_RELATIONS",
+    "Healed",
+    "VoidRelation",
+    "carve",
+    "contacts",
+    "fit_void_ratio",
+    "heal",
+    "inset",
+    "jitter_throats",
+    "neighbor_contacts",
+    "rescale",
+    "resize",
+    "shrink",
+    "shuffle",
+    "size_of",
+    "throat_widths",
+]

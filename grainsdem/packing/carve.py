@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from grainsdem.errors import InputError
-from grainsdem.geometry.integrals import integrate
+from grainsdem.geometry.integrals import face_planes, integrate
 from grainsdem.geometry.rotations import identity_quaternions
 from grainsdem.model import DROPPED, QUARTZ_DENSITY, CellLinks, Packing, Polyhedra, Tessellation
 from grainsdem.ragged import owners, take_indices
@@ -83,7 +83,7 @@ def carve(
         identity_quaternions(kept.size),
         densities[kept],
         cells.domain,
-        CellLinks(neighbors, cells.shifts[faces], measured.volumes),
+        CellLinks(neighbors, cells.shifts[faces], measured.volumes, cells.sites[kept], face_planes(grains).heights),
     ).with_step("carve", keep=keep, n_cells=len(cells), n_grains=int(kept.size))
 
 

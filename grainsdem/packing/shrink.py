@@ -3,16 +3,41 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
-from grainsdem.errors import InputError
-from grainsdem.geometry.integrals import volumes
-from grainsdem.model import CellLinks, Packing
+from grainsdem.errors import InputError, name_offenders
+from grainsdem.geometry.clipping import box_planes, solid_volume
+from grainsdem.geometry.forms.sizes import grain_diameters, weighted_percentiles
+from grainsdem.geometry.integrals import face_planes, volumes
+from grainsdem.geometry.rotations import to_matrices
+from grainsdem.ragged import owners, sum_rows
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from grainsdem.model import Packing
+
+    Floats = NDArray[np.float64]
+    About = Literal["centroid", "seed", "vertex_mean"]
+    Region = Literal["cells", "domain"] | tuple[ArrayLike, ArrayLike]
+
+_OUT = 1e-9
+"""How far outside its cell a centre may lie, relative to the cell's size: rounding of what came from a file."""
 
 
-def shrink(packing: Packing, *, scale: float | None = None, porosity: float | None = None) -> Packing:
-    """Return the packing with every grain scaled about its own centroid.
+def shrink(
+    packing: Packing,
+    *,
+    scale: float | None = None,
+    porosity: float | None = None,
+    solid_fraction: float | None = None,
+    void_ratio: float | None = None,
+    about: About | ArrayLike = "centroid",
+    region: Region = "cells",
+) -> Packing:
+    """Return the packing with every grain scaled about a point of its cell, by one factor for all.
 
     Parameters
     ----------
@@ -21,51 +46,205 @@ def shrink(packing: Packing, *, scale: float | None = None, porosity: float | No
     scale : float
         Linear factor F of the paper's equation 5, in (0, 1]: volume changes by F³, measured from the grains as
         they are.
-    porosity : float
-        Void fraction of the region that the grains' own cells fill, in [0, 1), reached exactly. Give this or ``scale``.
+    porosity, solid_fraction, void_ratio : float
+        Void fraction of the region in [0, 1), one minus that, or volume of void over volume of solid, zero or more:
+        reached exactly. Give one of these or ``scale``.
+    about : {"centroid", "seed", "vertex_mean"} or array_like, shape (n, 3)
+        What each grain shrinks about: its centroid, the seed of its cell, the mean of its vertices as the paper
+        has it, or a point [m] of your own inside its cell.
+    region : {"cells", "domain"} or tuple of two array_like, shape (3,)
+        What the porosity is of: the union of the cells that the grains grew in, the whole domain, or the box between
+        two corners [m].
 
     Returns
     -------
     Packing
-        Same grains, positions and neighbours, smaller shapes.
+        Same grains and neighbours, smaller shapes; their centroids move where they shrink about another point.
 
     Raises
     ------
     InputError
-        If not exactly one of the two is given, it is out of range, or the porosity asked for would need grains larger
-        than their cells.
+        If not exactly one of the four is given, it is out of range, the porosity asked for would need grains larger
+        than they are, or a grain would shrink about a point outside its cell.
 
     Notes
     -----
-    The union of the kept cells has the volume Σ V_cell, so the porosity after scaling by F is
-    1 − F³ Σ V / Σ V_cell, and F follows in closed form.
+    Every point x of a grain moves to F x + (1 - F) c, within the hull of grain and centre, which its convex cell
+    holds: no overlap. The union of the kept cells has the volume Σ V_cell, so its porosity is 1 - F³ Σ V / Σ V_cell,
+    and F follows in closed form; F² in a planar bed, whose prisms shrink in the plane only. In a box, F is the root of
+    the exact volume that the box cuts out of the grains.
     """
-    if (scale is None) == (porosity is None):
-        raise InputError(f"give either scale or porosity; got scale={scale}, porosity={porosity}")
+    given = {"scale": scale, "porosity": porosity, "solid_fraction": solid_fraction, "void_ratio": void_ratio}
+    known = [name for name, value in given.items() if value is not None]
+    if len(known) != 1:
+        got = ", ".join(f"{name}={given[name]}" for name in known) or "none"
+        raise InputError(f"give one of scale, porosity, solid_fraction and void_ratio; got {got}")
+    arms = _arms(packing, about)
     if scale is None:
-        scale = _scale_for(packing, porosity)
+        scale = _scale_for(packing, arms, _porosity(known[0], given[known[0]]), region)
     if not 0 < scale <= 1:
         raise InputError(f"scale must lie in (0, 1]; got {scale}")
-    grains = packing.grains
-    planar = packing.domain.is_planar
-    factor = np.array([scale, scale, 1.0]) if planar else np.full(3, scale)
-    return replace(packing, grains=replace(grains, vertices=grains.vertices * factor)).with_step(
-        "shrink", scale=float(scale), porosity=porosity
+    options = {name: float(value) for name, value in given.items() if value is not None and name != "scale"}
+    named = about if isinstance(about, str) else "points"
+    return _scaled(packing, arms, scale).with_step("shrink", scale=float(scale), about=named, **options)
+
+
+def _porosity(name: str, value: float | None) -> float:
+    """Return the porosity that one of the measures of void stands for."""
+    value = np.nan if value is None else float(value)
+    if name == "void_ratio":
+        if not (value >= 0 and np.isfinite(value)):
+            raise InputError(f"void_ratio must be zero or more and finite; got {value}")
+        return value / (1 + value)
+    if name == "solid_fraction":
+        if not 0 < value <= 1:
+            raise InputError(f"solid_fraction must lie in (0, 1]; got {value}")
+        return 1 - value
+    if not 0 <= value < 1:
+        raise InputError(f"porosity must lie in [0, 1); got {value}")
+    return value
+
+
+def _arms(packing: Packing, about: About | ArrayLike) -> Floats:
+    """Return the vectors [m] from the centroids to the points that grains shrink about, shape (n, 3)."""
+    n = len(packing)
+    if isinstance(about, str):
+        if about == "centroid":
+            return np.zeros((n, 3))
+        if about == "vertex_mean":
+            grains = packing.grains
+            means = sum_rows(grains.vertices, grains.vertex_offsets) / np.diff(grains.vertex_offsets)[:, None]
+            return _in_plane(packing, np.einsum("nij,nj->ni", to_matrices(packing.quaternions), means))
+        if about != "seed":
+            raise InputError(f"about must be 'centroid', 'seed', 'vertex_mean' or points, shape (n, 3); got {about!r}")
+        if packing.links is None or packing.links.sites is None:
+            raise InputError("the packing does not know its seeds; carve it again, or give them as points: about=seeds")
+        arms = packing.links.sites - packing.positions
+    else:
+        points = np.asarray(about, dtype=np.float64)
+        if points.shape != (n, 3) or not np.isfinite(points).all():
+            raise InputError(f"about must be {n} finite points, shape ({n}, 3); got shape {points.shape}")
+        arms = points - packing.positions
+    arms = _in_plane(packing, arms)
+    _refuse_outside(packing, arms)
+    return arms
+
+
+def _in_plane(packing: Packing, arms: Floats) -> Floats:
+    return arms * [1.0, 1.0, 0.0] if packing.domain.is_planar else arms
+
+
+def _refuse_outside(packing: Packing, arms: Floats) -> None:
+    """Raise `InputError` where a centre lies outside the cell of its grain, or the grain where cells are unknown."""
+    beyond = slacks(packing, cells=True)
+    owner = owners(packing.grains.face_offsets)
+    out = np.einsum("fi,fi->f", beyond.normals, arms[owner]) - beyond.distances
+    bad = np.unique(owner[out > _OUT * np.cbrt(volumes(packing.grains))[owner]])
+    if bad.size:
+        raise InputError(
+            f"grains can shrink only about points in their own cells; {bad.size} of {len(packing)} lie outside: "
+            f"{name_offenders(bad)}"
+        )
+
+
+class Slacks(NamedTuple):
+    """Room between grains and the planes of their cells.
+
+    Parameters
+    ----------
+    normals : ndarray, shape (n_faces, 3)
+        Outward unit normals in the world.
+    distances : ndarray, shape (n_faces,)
+        Distance [m] to the cell's plane along each.
+    """
+
+    normals: NDArray[np.float64]
+    distances: NDArray[np.float64]
+
+
+def slacks(packing: Packing, *, cells: bool = False) -> Slacks:
+    """Return how far each face is from the plane of its own cell, or with ``cells`` how far the centroid is.
+
+    Without known cells the planes are those of the faces themselves.
+    """
+    grains, links = packing.grains, packing.links
+    planes = face_planes(grains)
+    owner = owners(grains.face_offsets)
+    normals = planes.normals
+    if not (packing.quaternions == [1.0, 0.0, 0.0, 0.0]).all():
+        normals = np.einsum("fij,fj->fi", to_matrices(packing.quaternions)[owner], normals)
+    distances = planes.heights
+    if links is not None and links.sites is not None and links.heights is not None:
+        distances = links.heights - np.einsum("fi,fi->f", normals, (packing.positions - links.sites)[owner])
+    return Slacks(normals, distances if cells else distances - planes.heights)
+
+
+def _scaled(packing: Packing, arms: Floats, scale: float) -> Packing:
+    """Return the grains scaled about their centroids plus ``arms``."""
+    grains, links = packing.grains, packing.links
+    factor = np.array([scale, scale, 1.0]) if packing.domain.is_planar else np.full(3, scale)
+    if links is not None and links.rooms is not None:
+        links = replace(links, rooms=links.rooms * scale)
+    return replace(
+        packing,
+        grains=replace(grains, vertices=grains.vertices * factor),
+        positions=packing.positions + (1 - scale) * arms,
+        links=links,
     )
 
 
-def _scale_for(packing: Packing, porosity: float | None) -> float:
-    if porosity is None or not 0 <= porosity < 1:
-        raise InputError(f"porosity must lie in [0, 1); got {porosity}")
-    if packing.links is None:
-        raise InputError("porosity can be set only while grains are in the cells they grew in; use scale")
-    ratio = (1 - porosity) * packing.links.cell_volumes.sum() / volumes(packing.grains).sum()
+def _scale_for(packing: Packing, arms: Floats, porosity: float, region: Region) -> float:
+    if isinstance(region, str) and region == "cells":
+        if packing.links is None:
+            raise InputError("porosity can be set only while grains are in the cells they grew in; use scale")
+        ratio = (1 - porosity) * packing.links.cell_volumes.sum() / volumes(packing.grains).sum()
+        _refuse_growth(ratio, porosity)
+        power = 2 if packing.domain.is_planar else 3
+        return float(min(ratio, 1.0) ** (1 / power))
+    return _scale_in(packing, arms, porosity, *_bounds(packing, region))
+
+
+def _bounds(packing: Packing, region: Region) -> tuple[Floats, float]:
+    """Return the planes of a region, and its volume [m³]."""
+    domain = packing.domain
+    if isinstance(region, str):
+        if region != "domain":
+            raise InputError(f"region must be 'cells', 'domain' or the two corners of a box; got {region!r}")
+        return np.vstack([box_planes(domain.lower, domain.upper), domain.planes]), domain.volume
+    try:
+        lower, upper = (np.asarray(corner, dtype=np.float64) for corner in region)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"region must be 'cells', 'domain' or the two corners of a box; got {region!r}") from error
+    planes = box_planes(lower, upper)
+    return planes, float(np.prod(upper - lower))
+
+
+def _scale_in(packing: Packing, arms: Floats, porosity: float, planes: Floats, volume: float) -> float:
+    """Return the factor at which the grains leave the porosity inside half-spaces of the given volume."""
+    from scipy.optimize import brentq  # noqa: PLC0415  (a tenth of a second, and only for boxes)
+
+    wanted = (1 - porosity) * volume
+    now = solid_volume(packing, planes)
+    _refuse_growth(wanted / now if now > 0 else np.inf, porosity)
+    if wanted >= now:
+        return 1.0
+
+    def excess(scale: float) -> float:
+        return solid_volume(_scaled(packing, arms, scale), planes) - wanted
+
+    # Below this factor all grains together are smaller than what is wanted in the box.
+    power = 2 if packing.domain.is_planar else 3
+    least = 0.5 * float((wanted / volumes(packing.grains).sum()) ** (1 / power))
+    least = min(least, 0.5)
+    return float(brentq(excess, least, 1.0, xtol=1e-15, rtol=4 * np.finfo(float).eps))
+
+
+def _refuse_growth(ratio: float, porosity: float) -> None:
+    """Raise `InputError` where grains would have to grow by ``ratio`` in volume."""
     # 1e-12: asking again for the porosity that the packing has must not fail by rounding.
     if ratio > 1 + 1e-12:
         now = 1 - (1 - porosity) / ratio
         raise InputError(f"porosity can only grow: the packing has {now:.6g} already; got {porosity}")
-    power = 2 if packing.domain.is_planar else 3
-    return float(min(ratio, 1.0) ** (1 / power))
 
 
 def rescale(packing: Packing, factor: float) -> Packing:
@@ -91,5 +270,52 @@ def rescale(packing: Packing, factor: float) -> Packing:
         grains=replace(packing.grains, vertices=packing.grains.vertices * factor),
         positions=packing.positions * factor,
         domain=packing.domain.scaled(factor),
-        links=None if links is None else CellLinks(links.neighbors, links.shifts, links.cell_volumes * factor**3),
+        links=None if links is None else links.scaled(factor),
     ).with_step("rescale", factor=float(factor))
+
+
+def resize(
+    packing: Packing,
+    *,
+    mean_diameter: float | None = None,
+    median_diameter: float | None = None,
+    side: float | None = None,
+) -> Packing:
+    """Return the whole packing in metres: scaled until its grains, or its domain, have the size asked for, exactly.
+
+    Parameters
+    ----------
+    packing : Packing
+        At least one grain.
+    mean_diameter : float
+        Mean equal-volume diameter [m] by number; of equal area in a planar bed.
+    median_diameter : float
+        Median diameter [m] by mass.
+    side : float
+        Length [m] of the domain along x. Give one of the three: with the number of grains, which the packing has
+        already, the others follow.
+
+    Raises
+    ------
+    InputError
+        If not exactly one is given, or it is not positive and finite.
+    """
+    given = {"mean_diameter": mean_diameter, "median_diameter": median_diameter, "side": side}
+    known = {name: value for name, value in given.items() if value is not None}
+    if len(known) != 1:
+        got = ", ".join(f"{name}={value}" for name, value in known.items()) or "none"
+        raise InputError(f"give one of mean_diameter, median_diameter and side; got {got}")
+    ((name, wanted),) = known.items()
+    if not (np.isfinite(wanted) and wanted > 0):
+        raise InputError(f"{name} must be positive and finite; got {wanted}")
+    return rescale(packing, wanted / size_of(packing, name))
+
+
+def size_of(packing: Packing, name: str) -> float:
+    """Return the ``mean_diameter``, ``median_diameter`` or ``side`` [m] of a packing."""
+    if name == "side":
+        return float(packing.domain.lengths[0])
+    d = grain_diameters(packing)
+    if name == "mean_diameter":
+        return float(d.mean())
+    return float(weighted_percentiles(d, np.array(50.0), packing.densities * volumes(packing.grains)))

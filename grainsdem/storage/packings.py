@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 SCHEMA = "grainsdem.packing"
 
+_LINKS = ("neighbors", "shifts", "cell_volumes", "sites", "heights", "rooms")
+
 
 def save(packing: Packing, path: str | os.PathLike[str]) -> Path:
     """Write a packing to HDF5.
@@ -100,9 +102,8 @@ def _arrays(packing: Packing) -> dict[str, NDArray[Any]]:
         "densities": packing.densities,
     }
     if links is not None:
-        result["links/neighbors"] = links.neighbors
-        result["links/shifts"] = links.shifts
-        result["links/cell_volumes"] = links.cell_volumes
+        known = {name: getattr(links, name) for name in _LINKS}
+        result |= {f"links/{name}": array for name, array in known.items() if array is not None}
     return result
 
 
@@ -110,7 +111,9 @@ def _packing(file: h5py.File) -> Packing:
     names = ("vertices", "vertex_offsets", "face_offsets", "face_vertices", "face_vertex_offsets")
     links = None
     if "links" in file:
-        links = CellLinks(*(read_dataset(file, f"links/{name}") for name in ("neighbors", "shifts", "cell_volumes")))
+        # Seeds and heights of the cells came later: a file of before has the first three alone.
+        held = _LINKS if "sites" in file["links"] else _LINKS[:3]
+        links = CellLinks(*(read_dataset(file, f"links/{name}") for name in held))
     lower, upper, periodic, planes = (
         read_dataset(file, f"domain/{name}") for name in ("lower", "upper", "periodic", "planes")
     )
