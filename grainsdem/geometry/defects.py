@@ -25,8 +25,8 @@ class Defects(NamedTuple):
     Parameters
     ----------
     open_edges : ndarray of int64, shape (n,)
-        Edges that do not lie between exactly two faces, faces of fewer than three corners, and the deviation of
-        V - E + F from 2.
+        Edges that do not lie between exactly two faces, and faces of fewer than three corners; the deviation of
+        V - E + F from 2 where there are none of either.
     inward_faces : ndarray of int64, shape (n,)
         Faces whose outer side looks to the mean of the vertices.
     dents : ndarray, shape (n,)
@@ -121,7 +121,7 @@ def _find(
             used = 0
             for k in range(v1 - v0):
                 used += is_used[k]
-            open_edges[i] = bad + abs(used - edges + (f1 - f0) - 2)
+            open_edges[i] = bad if bad > 0 else abs(used - edges + (f1 - f0) - 2)
             for f in range(f0, f1):
                 if planes.areas[f] == 0.0:
                     continue
