@@ -1,13 +1,14 @@
 from __future__ import annotations
 
 import csv
+import sys
 
 import numpy as np
 import pytest
 from conftest import cube_packing
 
-from grainsdem.errors import FileFormatError, ShapeError
-from grainsdem.measures.edges import write_edges
+from grainsdem.errors import FileFormatError, MissingPackageError, ShapeError
+from grainsdem.measures.edges import COLUMNS, SUFFIXES, write_edges
 from grainsdem.packing import contacts
 
 
@@ -47,6 +48,48 @@ def test_networkx_reads_the_graphml_back_as_the_graph_it_has(stack, tmp_path):
 
 
 @pytest.mark.client
+def test_pyarrow_reads_the_parquet_back_with_types_and_every_digit(stack, tmp_path):
+    from pyarrow import parquet
+
+    _, graph = stack
+    read = parquet.read_table(write_edges(graph, tmp_path / "bed.parquet"))
+    assert read.column_names == list(COLUMNS)
+    assert (str(read.schema.field("i").type), str(read.schema.field("gap").type)) == ("int32", "double")
+    assert read["i"].to_pylist() == [-5, -1, 0]
+    assert read["kind"].to_pylist() == ["face-face"] * 3
+    for name, values in {
+        "gap": graph.gaps,
+        "area": graph.areas,
+        "nz": graph.normals[:, 2],
+        "x": graph.points[:, 0],
+    }.items():
+        np.testing.assert_array_equal(read[name].to_numpy(), values)
+    assert b"walls have negative ids" in read.schema.metadata[b"units"]
+    again = write_edges(graph, tmp_path / "again.parquet")
+    assert again.read_bytes() == (tmp_path / "bed.parquet").read_bytes()
+
+
+@pytest.mark.unit
+def test_no_contact_at_all_makes_a_table_without_rows(tmp_path):
+    from pyarrow import parquet
+
+    packing = cube_packing([[5.0, 5, 5]])
+    nothing = contacts(packing)
+    for suffix in SUFFIXES:
+        assert write_edges(nothing, tmp_path / f"bed{suffix}", packing=packing).stat().st_size > 0
+    assert parquet.read_table(tmp_path / "bed.parquet").num_rows == 0
+    assert (tmp_path / "bed.csv").read_text() == ",".join(COLUMNS) + "\n"
+
+
+@pytest.mark.unit
+def test_parquet_without_pyarrow_says_how_to_get_it_and_leaves_nothing(stack, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(MissingPackageError, match=r'pip install "grainsdem\[tables\]"'):
+        write_edges(stack[1], tmp_path / "edges.parquet")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.client
 def test_pyvista_reads_lines_from_centroid_to_centroid(stack, tmp_path):
     import pyvista
 
@@ -62,7 +105,7 @@ def test_pyvista_reads_lines_from_centroid_to_centroid(stack, tmp_path):
 @pytest.mark.unit
 def test_what_cannot_be_written_is_refused(stack, tmp_path):
     _, graph = stack
-    with pytest.raises(FileFormatError, match=r"\.csv, \.graphml or \.vtp"):
+    with pytest.raises(FileFormatError, match=r"\.csv, \.parquet, \.graphml or \.vtp; got '\.xls'"):
         write_edges(graph, tmp_path / "edges.xls")
     with pytest.raises(ShapeError, match="need packing="):
         write_edges(graph, tmp_path / "edges.vtp")

@@ -1,4 +1,4 @@
-"""The contact graph as a file: a table of edges, GraphML, or lines for ParaView."""
+"""The contact graph as a file: a table of edges in text or Parquet, GraphML, or lines for ParaView."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from grainsdem.atomic import replacing
-from grainsdem.errors import FileFormatError, ShapeError
+from grainsdem.errors import FileFormatError, MissingPackageError, ShapeError
 
 if TYPE_CHECKING:
     import os
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from grainsdem.model import ContactGraph, Packing
 
 COLUMNS = ("i", "j", "gap", "area", "nx", "ny", "nz", "x", "y", "z", "kind")
+
+SUFFIXES = (".csv", ".parquet", ".graphml", ".vtp")
 
 
 def write_edges(graph: ContactGraph, path: str | os.PathLike[str], *, packing: Packing | None = None) -> Path:
@@ -29,8 +31,9 @@ def write_edges(graph: ContactGraph, path: str | os.PathLike[str], *, packing: P
     graph : ContactGraph
         Who touches whom.
     path : str or path-like
-        ``.csv``: one row a contact. ``.graphml``: all grains as nodes, for networkx, Gephi and igraph. ``.vtp``: lines
-        between centroids, for ParaView.
+        ``.csv``: one row a contact. ``.parquet``: the same table with the columns' own types, for pandas, Polars and
+        DuckDB. ``.graphml``: all grains as nodes, for networkx, Gephi and igraph. ``.vtp``: lines between centroids,
+        for ParaView.
     packing : Packing, optional
         Where the grains are; needed for ``.vtp``, and their positions are nodes' attributes in ``.graphml``.
 
@@ -45,20 +48,32 @@ def write_edges(graph: ContactGraph, path: str | os.PathLike[str], *, packing: P
         If the suffix is another.
     ShapeError
         If the packing is missing where it is needed, or has another number of grains.
+    MissingPackageError
+        If PyArrow, which writes Parquet, is not installed.
     """
-    path = Path(path)
-    if path.suffix not in (".csv", ".graphml", ".vtp"):
-        raise FileFormatError(f"{path}: contacts are written as .csv, .graphml or .vtp; got {path.suffix!r}")
+    path = check_edges(path)
     if packing is not None and len(packing) != graph.n_grains:
         raise ShapeError(f"the packing must have the graph's {graph.n_grains} grains; got {len(packing)}")
-    if path.suffix == ".vtp":
+    suffix = path.suffix.lower()
+    if suffix == ".vtp":
         if packing is None:
             raise ShapeError("lines between grains need packing=: the graph does not know where the grains are")
-        text = _vtp(graph, packing)
+        content = _vtp(graph, packing).encode()
+    elif suffix == ".parquet":
+        content = _parquet(graph)
     else:
-        text = _csv(graph) if path.suffix == ".csv" else _graphml(graph, packing)
+        content = (_csv(graph) if suffix == ".csv" else _graphml(graph, packing)).encode()
     with replacing(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+        temporary.write_bytes(content)
+    return path
+
+
+def check_edges(path: str | os.PathLike[str]) -> Path:
+    """Return the path of a file of contacts, or raise `FileFormatError` where its suffix is not one of `SUFFIXES`."""
+    path = Path(path)
+    if path.suffix.lower() not in SUFFIXES:
+        allowed = f"{', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}"
+        raise FileFormatError(f"{path}: contacts are written as {allowed}; got {path.suffix!r}")
     return path
 
 
@@ -74,6 +89,22 @@ def _csv(graph: ContactGraph) -> str:
     writer.writerow(COLUMNS)
     writer.writerows(_rows(graph))
     return text.getvalue()
+
+
+def _parquet(graph: ContactGraph) -> bytes:
+    """Return the table of `COLUMNS` as a Parquet file, the same bytes for the same contacts."""
+    try:
+        import pyarrow as pa
+        from pyarrow import parquet
+    except ImportError as error:
+        raise MissingPackageError('Parquet needs PyArrow: pip install "grainsdem[tables]"') from error
+    numbers = (*graph.pairs.T, graph.gaps, graph.areas, *graph.normals.T, *graph.points.T)
+    columns = {name: np.ascontiguousarray(values) for name, values in zip(COLUMNS[:-1], numbers, strict=True)}
+    kinds = pa.array(graph.kinds(), pa.string()).dictionary_encode()
+    sink = io.BytesIO()
+    units = {"units": "SI: gap, x, y, z in m, area in m²; normal from i to j; walls have negative ids"}
+    parquet.write_table(pa.table({**columns, COLUMNS[-1]: kinds}, metadata=units), sink, compression="zstd")
+    return sink.getvalue()
 
 
 def _graphml(graph: ContactGraph, packing: Packing | None) -> str:
