@@ -57,7 +57,7 @@ def write_all(
         Where they go.
     files : mapping of str to bytes or iterable of bytes
         Content of each file, in the order that it is written; an iterable is written as it comes. A name may have
-        folders, parted by ``/``, that are made.
+        folders, parted by ``/``, that are made. A file that begins with ``#!`` may be run.
     overwrite : bool
         Whether files that exist are replaced.
     make_folder : bool
@@ -100,11 +100,13 @@ def write_all(
 
 def _fill(path: Path, content: bytes | Iterable[bytes]) -> None:
     """Write content to a path, block by block where it comes so."""
-    with path.open("wb") as file:
+    with path.open("w+b") as file:
         for block in [content] if isinstance(content, bytes) else content:
             file.write(block)
-    if isinstance(content, bytes) and content.startswith(b"#!"):
-        path.chmod(0o777 & ~_umask())  # a script
+        file.seek(0)
+        is_script = file.read(2) == b"#!"
+    if is_script:
+        path.chmod(0o777 & ~_umask())
 
 
 def _make(folder: Path, made: list[Path]) -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import shutil
+
 import numpy as np
 import pytest
 
@@ -9,6 +12,22 @@ from grainsdem.model import Domain, Packing, Polyhedra
 from grainsdem.packing import carve, shrink, shuffle
 from grainsdem.points import poisson
 from grainsdem.tessellation import relax, tessellate
+
+
+@pytest.fixture(scope="session")
+def program():
+    """A function that returns the path of a client program; where CI demands them all, a missing one is a failure."""
+
+    def find(name, package):
+        path = shutil.which(name)
+        if path is None:
+            message = f"{name} is not installed: apt-get install {package}"
+            if os.environ.get("GRAINSDEM_CLIENTS") == "required":
+                pytest.fail(message)
+            pytest.skip(message)
+        return path
+
+    return find
 
 
 @pytest.fixture(scope="session")

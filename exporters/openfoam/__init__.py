@@ -14,7 +14,7 @@ from exporters.openfoam import surface
 from exporters.openfoam.dictionaries import Case, texts
 from exporters.openfoam.flow import Flow, flow, kozeny_carman
 from exporters.openfoam.point import void_point
-from exporters.openfoam.solids import TREATMENTS, Frame, Solids, as_manifolds, cut, fused, treat, void
+from exporters.openfoam.solids import TREATMENTS, Frame, Solids, as_manifolds, cut, flow_domain, fused, treat, void
 from exporters.stl import binary
 from grainsdem.errors import InputError
 from grainsdem.geometry.triangles import vector_areas
@@ -128,28 +128,30 @@ def files(
     treated = treat(grains, options.contact, gap, frame)
     report = _report(grains, treated, region, frame, gap)
     cells = np.maximum(np.rint((region.upper - region.lower) / d * options.cells), 1).astype(np.int64)
-    walls = packing.domain.planes if region.is_bed else np.empty((0, 4))
-    point, clearance = void_point(grains, treated, region, cells, walls)
-    drop = _pressure_drop(options, report["porosity"], d, region, axis)
+    point, clearance = void_point(grains, treated, region, cells)
     shift = -region.lower if options.origin == "region" else np.zeros(3)
+    block = _block(region, cells, axis)
+    drop = _pressure_drop(options, report["porosity"], d, region, axis)
     case = Case(
-        region.lower + shift,
-        region.upper + shift,
-        cells,
+        block[0] + shift,
+        block[1] + shift,
+        block[2],
         axis,
         "noSlip" if region.is_bed and not packing.domain.is_planar else "slip",
         options.level,
         point + shift,
         options.viscosity,
         drop,
-        bool(len(walls)),
+        bool(len(region.planes)),
     )
     content = {path: text.encode() for path, text in texts(case).items()}
     content["constant/triSurface/grains.stl"] = binary(
         surface.rounded(cut(treated.bodies, region, margin, frame), frame, shift)
     )
-    if len(walls):
-        content["constant/triSurface/walls.stl"] = _container(region, walls, axis, frame, shift)
+    if len(region.planes):
+        # Longer than the region: its ends are those of the background mesh.
+        container = flow_domain(region, frame, longer=(axis, d))
+        content["constant/triSurface/walls.stl"] = binary(surface.rounded([container], frame, shift))
     if options.void_mesh:
         content["void.stl"] = _void(treated, region, frame, axis, shift)
     report |= {
@@ -177,16 +179,18 @@ def _report(grains: Packing, treated: Solids, region: Region, frame: Frame, gap:
     graph = contacts(grains, within=2 * gap)
     before = _sizes(fused(as_manifolds(grains, frame)), region, frame)
     after = _sizes(treated.bodies, region, frame)
+    volume = flow_domain(region, frame).volume() * frame.length**3
     smallest = float(graph.gaps.min()) if len(graph) else None
     return {
+        "volume": volume,
         "n_grains": len(grains),
         "gap": gap,
         "near_contacts": int((graph.gaps < gap).sum()),
         "smallest_gap_before": smallest,
         # Two cells across the narrowest gap, the least that a profile of velocity needs.
         "suggested_cell_size": 0.5 * (gap if smallest is None else max(gap, smallest)),
-        "porosity_before": 1 - before[0] / region.volume,
-        "porosity": 1 - after[0] / region.volume,
+        "porosity_before": 1 - before[0] / volume,
+        "porosity": 1 - after[0] / volume,
         "surface_area_before": before[1],
         "surface_area": after[1],
     }
@@ -195,6 +199,9 @@ def _report(grains: Packing, treated: Solids, region: Region, frame: Frame, gap:
 def _sizes(bodies: list[Any], region: Region, frame: Frame) -> tuple[float, float]:
     """Return the volume [m³] of bodies inside a region, and their surface [m²] there without the cuts."""
     inside = cut(bodies, region, 0.0, frame)
+    if len(region.planes):
+        container = flow_domain(region, frame)
+        inside = [part for body in inside if not (part := body ^ container).is_empty()]
     volume = sum(body.volume() for body in inside) * frame.length**3
     triangles = surface.corners(inside, frame)
     triangles = triangles[surface.on_faces(triangles, region, frame.length) < 0]
@@ -208,31 +215,25 @@ def _pressure_drop(options: OpenFoamOptions, porosity: float, d: float, region: 
     return options.viscosity * velocity * length / kozeny_carman(d, porosity)
 
 
-def _container(region: Region, planes: Floats, axis: int, frame: Frame, shift: Floats) -> bytes:
-    """Return the surface of a container of planes, its ends beyond those of the region."""
-    import manifold3d
-
-    reach = np.full(3, frame.length)
-    lower, upper = region.lower - reach, region.upper + reach
-    body = manifold3d.Manifold.cube(((upper - lower) / frame.length).tolist())
-    body = body.translate(((lower - frame.origin) / frame.length).tolist())
-    for plane in planes:
-        height = float(plane[3] - plane[:3] @ frame.origin) / frame.length
-        body = body.trim_by_plane((-plane[:3]).tolist(), -height)
-    del axis
-    return binary(surface.rounded([body], frame, shift))
+def _block(region: Region, cells: NDArray[np.int64], axis: int) -> tuple[Floats, Floats, NDArray[np.int64]]:
+    """Return corners [m] and cells of the background mesh: one cell wider than a container that is cut out of it."""
+    if len(region.planes) == 0:
+        return region.lower, region.upper, cells
+    wider = np.where(np.arange(3) == axis, 0, 1)
+    size = (region.upper - region.lower) / cells * wider
+    return region.lower - size, region.upper + size, cells + 2 * wider
 
 
 def _void(treated: Solids, region: Region, frame: Frame, axis: int, shift: Floats) -> bytes:
     """Return the void as closed ASCII STL, one solid a patch."""
     triangles = surface.rounded([void(treated.bodies, region, frame)], frame, shift).astype(np.float64)
-    moved = regions.Region(region.lower + shift, region.upper + shift, region.is_bed)
-    face = surface.on_faces(triangles, moved, frame.length)
+    face = surface.on_faces(triangles, region.moved(shift), frame.length)
     ends = (2 * axis, 2 * axis + 1)
     patches = {
         "inlet": triangles[face == ends[0]],
         "outlet": triangles[face == ends[1]],
-        "sides": triangles[(face >= 0) & ~np.isin(face, ends)],
+        "sides": triangles[(face >= 0) & (face < 6) & ~np.isin(face, ends)],
+        "walls": triangles[face >= 6],
         "grains": triangles[face < 0],
     }
     return surface.ascii_stl({name: part for name, part in patches.items() if len(part)})

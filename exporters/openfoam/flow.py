@@ -25,7 +25,7 @@ class Flow:
     Parameters
     ----------
     velocity : float
-        Seepage (Darcy) velocity [m/s]: flow rate over the region's whole section.
+        Seepage (Darcy) velocity [m/s]: flow rate over the region's whole (mean) section.
     permeability : float
         Permeability [m²].
     kozeny_carman : float
@@ -94,7 +94,7 @@ def flow(folder: str | os.PathLike[str]) -> Flow:
     axis = "xyz".index(case["axis"])
     size = np.subtract(case["upper"], case["lower"])
     length = float(size[axis])
-    velocity = float(rates[-1]) / float(np.prod(size) / length)
+    velocity = float(rates[-1]) / (case["volume"] / length)
     permeability = velocity * case["viscosity"] * length / case["kinematic_pressure_drop"]
     late = rates[-max(len(rates) // 10, 2) :]
     return Flow(

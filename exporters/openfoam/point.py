@@ -23,9 +23,7 @@ CANDIDATES = 20_000
 """About how many points are tried."""
 
 
-def void_point(
-    grains: Packing, treated: Solids, region: Region, cells: NDArray[np.int64], inside: Floats | None = None
-) -> tuple[Floats, float]:
+def void_point(grains: Packing, treated: Solids, region: Region, cells: NDArray[np.int64]) -> tuple[Floats, float]:
     """Return the centre of a background cell that is as far from every solid as any that was tried.
 
     Parameters
@@ -38,8 +36,6 @@ def void_point(
         The flow domain.
     cells : ndarray of int, shape (3,)
         Background cells along each axis.
-    inside : ndarray, shape (k, 4), optional
-        Planes n · x <= d [m] that bound the flow too.
 
     Returns
     -------
@@ -59,8 +55,8 @@ def void_point(
     axes = [region.lower[k] + size[k] * (np.arange(stride // 2, cells[k], stride) + 0.5) for k in range(3)]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     clear = _clearance(points, grains, treated)
-    if inside is not None and len(inside):
-        clear = np.minimum(clear, (inside[:, 3] - points @ inside[:, :3].T).min(axis=1))
+    if len(region.planes):
+        clear = np.minimum(clear, (region.planes[:, 3] - points @ region.planes[:, :3].T).min(axis=1))
     # Of points that are equally good, the one nearest to the middle: at the border it may lie in a corner.
     best = int(np.argmax(clear - 1e-3 * np.linalg.norm(points - 0.5 * (region.lower + region.upper), axis=1)))
     if clear[best] < 0.5 * size.max():

@@ -34,16 +34,20 @@ class Region(NamedTuple):
         Corners [m].
     is_bed : bool
         Whether it holds the whole bed, between its walls, rather than a part of its inside.
+    planes : ndarray, shape (k, 4)
+        Walls n · x <= d [m] inside the box, those of a cylinder or a hopper.
     """
 
     lower: Floats
     upper: Floats
     is_bed: bool
+    planes: Floats
 
-    @property
-    def volume(self) -> float:
-        """Volume [m³]."""
-        return float(np.prod(self.upper - self.lower))
+    def moved(self, shift: Floats) -> Region:
+        """Return the region moved by a vector [m], shape (3,)."""
+        planes = self.planes.copy()
+        planes[:, 3] += planes[:, :3] @ shift
+        return self._replace(lower=self.lower + shift, upper=self.upper + shift, planes=planes)
 
 
 def choose(packing: Packing, region: str | tuple[ArrayLike, ArrayLike], axis: int, d: float) -> Region:
@@ -61,7 +65,7 @@ def choose(packing: Packing, region: str | tuple[ArrayLike, ArrayLike], axis: in
         lower[axis], upper[axis] = first[:, axis].min() - PLENUM * d, last[:, axis].max() + PLENUM * d
         if domain.periodic[axis]:
             raise InputError("a bed that is periodic along the flow has no ends; give region='core' or a box")
-        return Region(*_mid_plane(domain, lower, upper), is_bed=True)
+        return Region(*_mid_plane(domain, lower, upper), is_bed=True, planes=domain.planes)
     if isinstance(region, str):
         if region != "core":
             raise InputError(f"region must be 'core', 'bed' or the two corners of a box; got {region!r}")
@@ -79,7 +83,7 @@ def choose(packing: Packing, region: str | tuple[ArrayLike, ArrayLike], axis: in
                 f"the box must lie in the domain, {domain.lower.tolist()} to {domain.upper.tolist()}, its upper corner "
                 f"above its lower; got {lower.tolist()} to {upper.tolist()}"
             )
-    return Region(*_mid_plane(domain, lower, upper), is_bed=False)
+    return Region(*_mid_plane(domain, lower, upper), is_bed=False, planes=np.empty((0, 4)))
 
 
 def gather(packing: Packing, region: Region, reach: float) -> Packing:

@@ -78,7 +78,7 @@ def treat(grains: Packing, kind: str, gap: float, frame: Frame) -> Solids:
         Where the solids live.
     """
     if kind == "shrink":
-        return Solids(as_manifolds(heal(grains, gap=gap).packing, frame))
+        return Solids(as_manifolds(heal(grains, gap=gap, by="inset").packing, frame))
     if kind == "none":
         return Solids(as_manifolds(grains, frame))
     if kind == "union":
@@ -139,13 +139,28 @@ def cut(bodies: list[Any], region: Region, margin: float, frame: Frame) -> list[
     return kept
 
 
-def void(bodies: list[Any], region: Region, frame: Frame) -> Any:
-    """Return the box minus the solids."""
+def flow_domain(region: Region, frame: Frame, *, longer: tuple[int, float] | None = None) -> Any:
+    """Return the region as a solid; ``longer`` names an axis along which it reaches so far [m] beyond its ends."""
     import manifold3d
 
-    box = manifold3d.Manifold.cube(((region.upper - region.lower) / frame.length).tolist())
-    box = box.translate(((region.lower - frame.origin) / frame.length).tolist())
-    return manifold3d.Manifold.batch_boolean([box, *bodies], manifold3d.OpType.Subtract)
+    lower, upper = region.lower.copy(), region.upper.copy()
+    if longer is not None:
+        axis, reach = longer
+        lower[axis] -= reach
+        upper[axis] += reach
+    box = manifold3d.Manifold.cube(((upper - lower) / frame.length).tolist())
+    box = box.translate(((lower - frame.origin) / frame.length).tolist())
+    for plane in region.planes:
+        height = float(plane[3] - plane[:3] @ frame.origin) / frame.length
+        box = box.trim_by_plane((-plane[:3]).tolist(), -height)
+    return box
+
+
+def void(bodies: list[Any], region: Region, frame: Frame) -> Any:
+    """Return the region minus the solids."""
+    import manifold3d
+
+    return manifold3d.Manifold.batch_boolean([flow_domain(region, frame), *bodies], manifold3d.OpType.Subtract)
 
 
 def _capped(bodies: list[Any], graph: ContactGraph, gap: float, frame: Frame) -> list[Any]:

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 SLIVERS = (0.0, 1e-6, 4e-6, 1.6e-5, 6.4e-5)
 """Sizes, in diameters, below which features are taken off, one after another until rounding leaves a sound surface."""
 
-ON_FACE = 1e-7
-"""Distance from a face of the region, in diameters, within which a triangle lies on it."""
+ON_FACE = 1e-5
+"""Distance from a wall of the region, in diameters, within which a triangle lies on it: single precision's."""
 
 _FACET = "facet normal %.9g %.9g %.9g\nouter loop\n" + "vertex %.9g %.9g %.9g\n" * 3 + "endloop\nendfacet\n"
 
@@ -71,12 +71,16 @@ def _is_sound(triangles: Singles) -> bool:
     return bool((counts == 2).all())
 
 
-def on_faces(triangles: Floats, region: Region, length: float) -> NDArray[np.int8]:
-    """Return which face of the region each triangle lies on: 2 axis + (0 lower, 1 upper), and -1 for none."""
-    face = np.full(len(triangles), -1, dtype=np.int8)
-    for k in range(3):
-        for side, height in enumerate((region.lower[k], region.upper[k])):
-            face[(np.abs(triangles[:, :, k] - height) < ON_FACE * length).all(axis=1)] = 2 * k + side
+def on_faces(triangles: Floats, region: Region, length: float) -> NDArray[np.int64]:
+    """Return which wall of the region each triangle lies on.
+
+    2 axis + (0 lower, 1 upper) for those of the box, 6 and above for the planes in their order, and -1 for none.
+    """
+    face = np.full(len(triangles), -1, dtype=np.int64)
+    walls = [(np.eye(3)[k], height) for k in range(3) for height in (region.lower[k], region.upper[k])]
+    walls += [(plane[:3], plane[3]) for plane in region.planes]
+    for number, (normal, height) in enumerate(walls):
+        face[(np.abs(triangles @ normal - height) < ON_FACE * length).all(axis=1)] = number
     return face
 
 
