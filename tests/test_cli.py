@@ -18,7 +18,7 @@ from grainsdem.cli import app
 
 pytestmark = pytest.mark.unit
 
-COMMANDS = ["demo", "run", "generate", "validate", "measure", "export", "settle", "render", "info"]
+COMMANDS = ["demo", "run", "generate", "validate", "measure", "export", "settle", "heal", "render", "info"]
 
 
 def call(*words):
@@ -63,6 +63,44 @@ def test_measure_writes_one_row_a_grain(bed, tmp_path):
     assert call("measure", bed, "--table", tmp_path / "grains.csv", "--quiet").exit_code == 0
     rows = np.genfromtxt(tmp_path / "grains.csv", delimiter=",", names=True)
     assert len(rows) == len(grainsdem.load(bed))
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet", ".graphml", ".vtp"])
+def test_measure_writes_who_touches_whom_by_suffix(bed, tmp_path, suffix):
+    words = ["--within", 2e-4, "--contacts", tmp_path / f"edges{suffix}", "--json"]
+    plain = json.loads(call("measure", bed, *words).stdout)
+    assert (tmp_path / f"edges{suffix}").stat().st_size > 1000
+    with_walls = json.loads(call("measure", bed, *words, "--walls").stdout)
+    assert with_walls == plain
+    if suffix == ".csv":
+        ids = np.genfromtxt(tmp_path / "edges.csv", delimiter=",", names=True, dtype=None, encoding=None)["i"]
+        packing = grainsdem.load(bed)
+        assert len(ids) == len(grainsdem.contacts(packing, within=2e-4, walls=True)) > 100
+
+
+def test_measure_refuses_contacts_in_another_format_before_it_searches_any(bed, tmp_path):
+    result = call("measure", bed, "--contacts", tmp_path / "edges.xlsx")
+    assert result.exit_code == 2
+    assert "contacts are written as .csv, .parquet, .graphml or .vtp; got '.xlsx'" in result.stderr
+    assert result.stdout == ""
+
+
+@pytest.mark.parametrize("by", ["scale", "inset"])
+def test_heal_takes_overlapping_grains_apart_and_says_what_it_changed(bed, tmp_path, by):
+    from dataclasses import replace
+
+    packing = grainsdem.load(bed)
+    steps = 5e-5 * np.random.default_rng(1).standard_normal((len(packing), 3))
+    grainsdem.save(replace(packing, positions=packing.positions + steps, links=None), tmp_path / "pressed.h5")
+    assert call("validate", tmp_path / "pressed.h5", "--quiet").exit_code == 1
+    words = ["heal", tmp_path / "pressed.h5", tmp_path / "healed.h5", "--gap", 1e-7, "--by", by]
+    changes = json.loads(call(*words, "--json").stdout)
+    assert 0 < changes["grains_changed"] <= changes["grains"]
+    assert changes["volume_change"] < 0 < changes["porosity_change"]
+    assert call("validate", tmp_path / "healed.h5", "--quiet").exit_code == 0
+    healed = grainsdem.load(tmp_path / "healed.h5")
+    assert grainsdem.contacts(healed, within=1e-5).gaps.min() >= 1e-7 * (1 - 1e-9)
+    assert "porosity change" in call(*words).output
 
 
 def test_validate_exits_0_for_a_good_bed_and_names_its_checks(bed):

@@ -64,16 +64,27 @@ def measure(
         typer.Option(help="Gap [m] below which grains count as touching; 1e-3 of a diameter by default."),
     ] = None,
     table: Annotated[Path | None, typer.Option(help="Also write one row a grain to this .csv file.")] = None,
+    contacts: Annotated[
+        Path | None,
+        typer.Option(help="Also write who touches whom: .csv, .parquet, .graphml, or .vtp for ParaView."),
+    ] = None,
+    walls: Annotated[bool, typer.Option("--walls", help="Write contacts with walls, too, under negative ids.")] = False,
     json_: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Measure a bed: porosity, grain sizes, sphericity, coordination."""
-    packing = load(bed)
-    if table is not None:
-        from grainsdem.measures import write_csv
+    from grainsdem.measures import write_csv
+    from grainsdem.measures.edges import check_edges
 
+    if contacts is not None:
+        check_edges(contacts)
+    packing = load(bed)
+    graph = grainsdem.contacts(packing, within=within, walls=walls and contacts is not None)
+    if table is not None:
         write_csv(grainsdem.table(packing), table)
-    show_summary(packing, json_=json_, quiet=quiet, title=str(bed), within=within)
+    if contacts is not None:
+        grainsdem.write_edges(graph, contacts, packing=packing)
+    show_summary(packing, json_=json_, quiet=quiet, title=str(bed), graph=graph.among_grains())
 
 
 @app.command()

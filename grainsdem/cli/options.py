@@ -18,7 +18,7 @@ from grainsdem.errors import GrainsDEMError, InputError, ValidationError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from grainsdem.model import Packing
+    from grainsdem.model import ContactGraph, Packing
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -89,13 +89,13 @@ def keyed(items: list[str]) -> dict[str, Any]:
     return found
 
 
-def show_summary(packing: Packing, *, json_: bool, quiet: bool, title: str, within: float | None = None) -> None:
-    """Print what a bed measures."""
+def show_summary(packing: Packing, *, json_: bool, quiet: bool, title: str, graph: ContactGraph | None = None) -> None:
+    """Print what a bed measures; who touches whom is searched where it is not given."""
     from grainsdem.screen import print_summary
 
     if quiet and not json_:
         return
-    summary = grainsdem.summary(packing, grainsdem.contacts(packing, within=within))
+    summary = grainsdem.summary(packing, grainsdem.contacts(packing) if graph is None else graph)
     if json_:
         print_json(summary)
     else:
