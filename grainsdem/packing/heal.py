@@ -274,7 +274,7 @@ def _compared(before: Packing, after: Packing, scales: Floats, insets: Floats, *
         after.with_step("heal", **options),
         scales,
         insets,
-        -lost / float(old.volumes.sum()) if len(before) else 0.0,
-        -area_lost / float(old.areas.sum()) if len(before) else 0.0,
+        0.0 - lost / float(old.volumes.sum()) if len(before) else 0.0,
+        0.0 - area_lost / float(old.areas.sum()) if len(before) else 0.0,
         lost / before.domain.volume,
     )
