@@ -10,6 +10,7 @@ import os
 import pickle
 import subprocess
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 from queue import Queue
 from threading import Thread
@@ -78,36 +79,41 @@ def intersection_volumes(
         Volumes [m³]; NaN where manifold3d does not accept a grain.
     """
     m = len(pairs)
-    volumes = np.empty(m)
-    order = _by_place(solids, pairs)
-    parts = [order[start : start + BLOCK] for start in range(0, m, BLOCK)]
     if processes is None:
         processes = 1 if m <= FEW else len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 2
-    mesh = triangles(grains)
+    processes = min(processes, -(-m // BLOCK))
+    volumes = np.empty(m)
+    # The processes start while their work is being prepared.
+    with _Pool(processes) if processes > 1 else nullcontext() as pool:
+        order = _by_place(solids, pairs)
+        parts = _parts(order, processes)
+        mesh = triangles(grains)
 
-    def cut(part: NDArray[np.int64]) -> Block:
-        return _block(solids, mesh, pairs[part], offsets[part], length)
+        def cut(part: NDArray[np.int64]) -> Block:
+            return _block(solids, mesh, pairs[part], offsets[part], length)
 
-    done = 0
-    for k, result in _work(cut, parts, processes):
-        volumes[parts[k]] = result
-        done += len(parts[k])
-        if progress is not None:
-            progress(done, m)
+        done = 0
+        for k, result in _alone(cut, parts) if pool is None else pool.work(cut, parts):
+            volumes[parts[k]] = result
+            done += len(parts[k])
+            if progress is not None:
+                progress(done, m)
     return volumes * length**3
 
 
-def _work(
-    cut: Callable[[NDArray[np.int64]], Block], parts: list[NDArray[np.int64]], processes: int
-) -> Iterator[tuple[int, Floats]]:
-    """Yield the number of each part and its volumes, as they come."""
-    if processes <= 1:
-        built: dict[int, Any] = {}
-        for k, part in enumerate(parts):
-            yield k, run(cut(part), built)
-        return
-    with _Pool(min(processes, len(parts))) as pool:
-        yield from pool.work(cut, parts)
+def _parts(order: NDArray[np.int64], processes: int) -> list[NDArray[np.int64]]:
+    """Cut the order into parts of up to `BLOCK` pairs, equal ones and as many for each process."""
+    if not len(order):
+        return []
+    shares = max(processes, 1)
+    return np.array_split(order, shares * -(-len(order) // (shares * BLOCK)))
+
+
+def _alone(cut: Callable[[NDArray[np.int64]], Block], parts: list[NDArray[np.int64]]) -> Iterator[tuple[int, Floats]]:
+    """Yield the number of each part and its volumes, measured in this process."""
+    built: dict[int, Any] = {}
+    for k, part in enumerate(parts):
+        yield k, run(cut(part), built)
 
 
 class _Pool:
@@ -155,14 +161,17 @@ def _feed(
 ) -> None:
     """Send one worker its parts, one after another, and pass its answers on."""
     source, sink = cast("tuple[BinaryIO, BinaryIO]", (process.stdout, process.stdin))
-    for number in numbers:
-        try:
-            pickle.dump(cut(parts[number]), sink, protocol=pickle.HIGHEST_PROTOCOL)
+    number = -1
+    try:
+        ahead = cut(parts[numbers[0]]) if numbers else None
+        for place, number in enumerate(numbers):
+            pickle.dump(ahead, sink, protocol=pickle.HIGHEST_PROTOCOL)
             sink.flush()
+            # The next part is made while the worker is busy with this one.
+            ahead = cut(parts[numbers[place + 1]]) if place + 1 < len(numbers) else None
             answers.put((number, np.asarray(pickle.load(source))))  # noqa: S301  (from the child started above)
-        except Exception as error:  # noqa: BLE001  (raised again by the thread that waits)
-            answers.put((number, error))
-            return
+    except Exception as error:  # noqa: BLE001  (raised again by the thread that waits)
+        answers.put((number, error))
 
 
 def _by_place(solids: Bodies, pairs: NDArray[np.int32]) -> NDArray[np.int64]:
