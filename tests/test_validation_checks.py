@@ -269,6 +269,24 @@ def test_a_grain_through_a_wall_is_named_and_one_that_touches_it_is_not():
 
 
 @pytest.mark.unit
+@pytest.mark.parametrize("offset", [0.0, 2.0**20])
+def test_a_grain_through_the_slope_of_a_hopper_is_named_with_how_far(offset):
+    hopper = Domain.hopper(6.0, 2.0, 2.0)
+    domain = Domain(
+        hopper.lower + offset,
+        hopper.upper + offset,
+        planes=np.column_stack([hopper.planes[:, :3], hopper.planes[:, 3] + hopper.planes[:, :3].sum(axis=1) * offset]),
+    )
+    # The lower edge of the second cube, at x = 2.5 and z = 1.25, lies beyond the plane x - z = 1.
+    packing = cube_packing([[0.0, 0, 1], [2.25, 0, 1.5]], half=0.25, domain=domain)
+    packing = replace(packing, positions=packing.positions + offset)
+    found = check(validate(packing), "inside the domain")
+    assert found.offenders == (1,)
+    assert found.worst == pytest.approx((2.5 - 1.25 - 1) / np.sqrt(2) / mean_diameter(packing), rel=1e-8)
+    assert validate(replace(packing, positions=packing.positions - [[0, 0, 0], [0.3, 0, 0]])).ok
+
+
+@pytest.mark.unit
 def test_two_grains_in_one_place_are_named_as_that_and_as_an_overlap():
     report = validate(cube_packing([[5.0, 5, 5], [5, 5, 5]]))
     assert check(report, "distinct").offenders == ((0, 1),)

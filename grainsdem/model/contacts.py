@@ -79,8 +79,8 @@ class ContactGraph(Noun):
         self.freeze("ends", np.float64, m, 2, 3)
         self.freeze("shifts", np.int32, m, 3)
         i, j = pairs.T
-        if m and not (np.all(i <= j) and i.min() >= -6 and j.min() >= 0 and j.max() < self.n_grains):
-            raise ShapeError(f"pairs must be i <= j within 0 … {self.n_grains - 1}, or i a wall from -1 to -6")
+        if m and not (np.all(i <= j) and j.min() >= 0 and j.max() < self.n_grains):
+            raise ShapeError(f"pairs must be i <= j within 0 … {self.n_grains - 1}, or i a wall, which is negative")
 
     def __len__(self) -> int:
         return len(self.pairs)

@@ -10,6 +10,7 @@ from grainsdem.errors import InputError
 from grainsdem.geometry.bounds import boxes
 from grainsdem.geometry.defects import find_defects
 from grainsdem.geometry.integrals import volumes
+from grainsdem.geometry.rotations import world_vertices
 from grainsdem.model import Check, Packing, Polyhedra, Report
 from grainsdem.validation.overlaps import check_overlaps, take
 
@@ -146,13 +147,20 @@ def _check_shapes(
 
 
 def _check_inside(packing: Packing, is_finite: Mask, d: float, tolerance: float) -> Check:
-    """Check that no grain reaches through a wall; periodic axes have none."""
+    """Check that no grain reaches through a wall or a plane of the domain; periodic axes have none."""
     domain = packing.domain
     worst = np.zeros(len(packing))
     rows = np.flatnonzero(is_finite)
-    lower, upper = boxes(take(packing, rows))
+    finite = take(packing, rows)
+    lower, upper = boxes(finite)
     out = np.maximum(domain.lower - lower, upper - domain.upper)
     worst[rows] = np.where(domain.periodic, 0.0, out).max(axis=1, initial=0.0)
+    if len(domain.planes):
+        # About the centroids, so that a domain far from the origin loses no digits.
+        arms = np.repeat(finite.positions, np.diff(finite.grains.vertex_offsets), axis=0) - world_vertices(finite)
+        for plane in domain.planes:
+            reach = np.maximum.reduceat(-arms @ plane[:3], finite.grains.vertex_offsets[:-1]) if rows.size else 0.0
+            worst[rows] = np.maximum(worst[rows], reach + finite.positions @ plane[:3] - plane[3])
     is_out = worst > tolerance * d
     note = "how far the worst grain reaches through a wall"
     return Check(

@@ -31,14 +31,14 @@ def measure_wall_gaps(
     positions : ndarray, shape (n, 3)
         Where they are [m].
     domain : Domain
-        Walls stand at its faces, but for periodic axes.
+        Walls stand at its faces, but for periodic axes, and at its planes.
     within : float
         Largest gap [m].
 
     Returns
     -------
     pairs : ndarray of int32, shape (m, 2)
-        Wall (-6 to -1) and grain, sorted.
+        Wall, numbered as in `Domain`, and grain, sorted.
     gaps : Gaps
         As for two grains, with normals from the wall into the domain; points are relative to the grain's position.
     """
@@ -46,14 +46,9 @@ def measure_wall_gaps(
     found: list[Gaps] = []
     nothing = _empty(0)
     room = int(np.diff(solids.corner_offsets).max(initial=2)) + 8
-    for wall in range(-6, 0):
-        axis, upper = (-wall - 1) // 2, (-wall - 1) % 2
-        if domain.periodic[axis]:
-            continue
+    for wall, normal, distance in _walls(domain):
         # Where the wall stands, seen from each grain, along the normal into the domain.
-        inward = -1.0 if upper else 1.0
-        normal = inward * np.eye(3)[axis]
-        heights = inward * ((domain.upper if upper else domain.lower)[axis] - positions[:, axis])
+        heights = distance - positions @ normal
         near = np.flatnonzero(heights >= -(solids.radii + within))
         result = _empty(near.size)
         _touch(solids, near, np.ascontiguousarray(heights[near]), normal, room, result)
@@ -65,6 +60,16 @@ def measure_wall_gaps(
         for name in Gaps._fields
     }
     return np.concatenate([np.zeros((0, 2), np.int64), *ids]).astype(np.int32), nothing._replace(**columns)
+
+
+def _walls(domain: Domain) -> list[tuple[int, Floats, float]]:
+    """Return id, unit normal into the domain, and distance along it from the origin [m] of each wall, by id."""
+    found = [(-7 - k, -plane[:3], -float(plane[3])) for k, plane in enumerate(domain.planes)]
+    for axis in np.flatnonzero(~domain.periodic).tolist():
+        along = np.eye(3)[axis]
+        found.append((-1 - 2 * axis, along, float(domain.lower[axis])))
+        found.append((-2 - 2 * axis, -along, -float(domain.upper[axis])))
+    return sorted(found, key=lambda wall: wall[0])
 
 
 def _empty(m: int) -> Gaps:
