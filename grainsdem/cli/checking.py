@@ -74,7 +74,7 @@ def measure(
 ) -> None:
     """Measure a bed: porosity, grain sizes, sphericity, coordination."""
     from grainsdem.measures import write_csv
-    from grainsdem.measures.edges import check_edges
+    from grainsdem.measures.graph.edges import check_edges
 
     if contacts is not None:
         check_edges(contacts)

@@ -1,18 +1,18 @@
 """What sedimentologists and DEM people ask of a packing: sizes, shapes, porosity, contacts, fabric, tables."""
 
-from grainsdem.measures.connectivity import (
+from grainsdem.measures.grains import diameters, masses, percentiles, sphericities, summary, table, write_csv
+from grainsdem.measures.graph import (
+    anisotropy,
+    branch_vectors,
     components,
     coordination_curve,
     degree_distribution,
+    fabric_tensor,
     mean_coordination,
     rattlers,
+    write_edges,
 )
-from grainsdem.measures.edges import write_edges
-from grainsdem.measures.fabric import anisotropy, branch_vectors, fabric_tensor
 from grainsdem.measures.porosity import core_box, porosity
-from grainsdem.measures.shapes import sphericities
-from grainsdem.measures.sizes import diameters, masses, percentiles
-from grainsdem.measures.tables import summary, table, write_csv
 
 __all__ = [
     "anisotropy",

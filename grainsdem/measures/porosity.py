@@ -10,7 +10,7 @@ from grainsdem.errors import InputError
 from grainsdem.geometry.clipping import box_planes, solid_volume
 from grainsdem.geometry.integrals import volumes
 from grainsdem.geometry.rotations import world_vertices
-from grainsdem.measures.sizes import diameters
+from grainsdem.measures.grains.sizes import diameters
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray

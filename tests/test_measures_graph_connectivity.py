@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from grainsdem.errors import InputError
-from grainsdem.measures.connectivity import (
+from grainsdem.measures.graph.connectivity import (
     components,
     coordination_curve,
     degree_distribution,

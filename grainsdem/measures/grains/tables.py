@@ -11,9 +11,9 @@ import numpy as np
 from grainsdem.atomic import replacing
 from grainsdem.errors import FileFormatError, InputError, ShapeError
 from grainsdem.geometry.integrals import integrate
+from grainsdem.measures.grains.shapes import wadell
+from grainsdem.measures.grains.sizes import percentiles
 from grainsdem.measures.porosity import core_box, porosity
-from grainsdem.measures.shapes import wadell
-from grainsdem.measures.sizes import percentiles
 
 if TYPE_CHECKING:
     import os

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from grainsdem.errors import InputError, ShapeError
-from grainsdem.measures.fabric import anisotropy, branch_vectors, fabric_tensor
+from grainsdem.measures.graph.fabric import anisotropy, branch_vectors, fabric_tensor
 from grainsdem.model import Domain
 from grainsdem.packing import contacts
 

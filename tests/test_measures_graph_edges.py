@@ -8,7 +8,7 @@ import pytest
 from conftest import cube_packing
 
 from grainsdem.errors import FileFormatError, MissingPackageError, ShapeError
-from grainsdem.measures.edges import COLUMNS, SUFFIXES, write_edges
+from grainsdem.measures.graph.edges import COLUMNS, SUFFIXES, write_edges
 from grainsdem.packing import contacts
 
 
