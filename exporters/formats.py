@@ -35,8 +35,8 @@ class Format(NamedTuple):
 FORMATS = {
     "mjcf": Format("exporters.mjcf", (".xml",)),
     "usd": Format("exporters.usd", (".usdc", ".usda")),
-    "stl": Format("exporters.stl", (".stl",)),
-    "obj": Format("exporters.obj", (".obj",)),
+    "stl": Format("exporters.meshes.stl", (".stl",)),
+    "obj": Format("exporters.meshes.obj", (".obj",)),
     "openfoam": Format("exporters.openfoam"),
 }
 """Name of a format and its row. A suffix that several share is that of the first; the others go by name."""

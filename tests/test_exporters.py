@@ -116,7 +116,7 @@ def test_a_name_that_cannot_be_a_file_is_refused(cube, name):
 
 
 def test_importing_exporters_loads_no_client():
-    script = "import sys, exporters, exporters.mjcf, exporters.usd, exporters.stl\nprint(*sys.modules)"
+    script = "import sys, exporters, exporters.mjcf, exporters.usd, exporters.meshes.stl\nprint(*sys.modules)"
     run = subprocess.run([sys.executable, "-c", script], capture_output=True, check=True, text=True)
     assert not {"mujoco", "pxr", "trimesh", "matplotlib"} & set(run.stdout.split())
 
@@ -168,7 +168,7 @@ def test_formats_that_cannot_be_written_together_are_refused(cube, tmp_path):
 
 
 def test_a_disk_that_fills_up_is_one_error_and_leaves_nothing(cube, tmp_path, monkeypatch):
-    from exporters import stl
+    from exporters.meshes import stl
 
     def endless(*_args, **_options):
         def blocks():

@@ -11,7 +11,7 @@ from conftest import cube_packing
 from typer.testing import CliRunner
 
 import exporters
-from exporters.stl import RECORD
+from exporters.meshes.stl import RECORD
 from grainsdem.cli import app
 from grainsdem.storage import save
 

@@ -10,8 +10,8 @@ import pytest
 import trimesh
 
 import exporters
-from exporters import stl
-from exporters.stl import StlOptions
+from exporters.meshes import stl
+from exporters.meshes.stl import StlOptions
 from exporters.units import units
 from grainsdem.errors import InputError
 from grainsdem.geometry.integrals import volumes

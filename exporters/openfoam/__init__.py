@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from exporters.check import check_choice, check_name, check_positive, measured
+from exporters.meshes.stl import binary
 from exporters.openfoam import region as regions
 from exporters.openfoam import surface
 from exporters.openfoam.dictionaries import Case, texts
 from exporters.openfoam.flow import Flow, flow, kozeny_carman
 from exporters.openfoam.point import void_point
 from exporters.openfoam.solids import TREATMENTS, Frame, Solids, as_manifolds, cut, flow_domain, fused, treat, void
-from exporters.stl import binary
 from grainsdem.errors import InputError
 from grainsdem.geometry.triangles import vector_areas
 from grainsdem.packing import contacts

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from exporters.meshes.stl import RECORD
 from exporters.reading.rebuild import from_soup
-from exporters.stl import RECORD
 from grainsdem.errors import FileFormatError
 from grainsdem.ragged import owners
 

@@ -1,0 +1,1 @@
+"""Formats that carry surfaces: what meshers, printers and viewers read."""
