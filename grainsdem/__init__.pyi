@@ -34,8 +34,24 @@ from .measures import (
     write_edges,
 )
 from .model import CellLinks, Check, ContactGraph, Domain, Packing, Polyhedra, Report, Tessellation
-from .packing import Healed, carve, contacts, heal, neighbor_contacts, rescale, shrink, shuffle
-from .packing.inset import inset
+from .packing import (
+    VOID_RELATIONS,
+    Healed,
+    VoidRelation,
+    carve,
+    contacts,
+    fit_void_ratio,
+    heal,
+    inset,
+    jitter_throats,
+    neighbor_contacts,
+    rescale,
+    resize,
+    shrink,
+    shuffle,
+    size_of,
+    throat_widths,
+)
 from .storage import load, load_history, save
 from .tessellation import Relaxation, relax, relaxation, sized_cells, tessellate
 from .validation import compare, validate
@@ -43,6 +59,7 @@ from .validation import compare, validate
 __version__: str
 
 __all__ = [
+    "VOID_RELATIONS",
     "CellLinks",
     "Check",
     "ContactGraph",
@@ -63,6 +80,7 @@ __all__ = [
     "Tessellation",
     "UnstableError",
     "ValidationError",
+    "VoidRelation",
     "WriteError",
     "anisotropy",
     "branch_vectors",
@@ -78,10 +96,12 @@ __all__ = [
     "fabric_tensor",
     "face_planes",
     "figures",
+    "fit_void_ratio",
     "heal",
     "inertia_tensors",
     "inset",
     "integrate",
+    "jitter_throats",
     "load",
     "load_history",
     "masses",
@@ -95,10 +115,12 @@ __all__ = [
     "relax",
     "relaxation",
     "rescale",
+    "resize",
     "save",
     "settle",
     "shrink",
     "shuffle",
+    "size_of",
     "sized_cells",
     "sphericities",
     "summary",
@@ -106,6 +128,7 @@ __all__ = [
     "survey",
     "table",
     "tessellate",
+    "throat_widths",
     "validate",
     "volumes",
     "world_vertices",

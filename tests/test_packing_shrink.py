@@ -1,17 +1,19 @@
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from grainsdem.errors import InputError
+from grainsdem.geometry.integrals import volumes
 from grainsdem.geometry.rotations import world_vertices
 from grainsdem.measures import core_box, diameters, masses, percentiles, porosity
 from grainsdem.model import Domain
-from grainsdem.packing import carve, rescale, resize, shrink
+from grainsdem.packing import carve, contacts, jitter_throats, rescale, resize, shrink, throat_widths
 from grainsdem.points import poisson
-from grainsdem.tessellation import tessellate
+from grainsdem.tessellation import relax, tessellate
 from grainsdem.validation import validate
 
 pytestmark = pytest.mark.unit
@@ -108,6 +110,92 @@ def test_grains_in_cells_that_are_not_known_can_shrink_about_points_in_themselve
 def test_what_cannot_be_is_refused_with_what_is_allowed(fresh, options, words):
     with pytest.raises(InputError, match=words):
         shrink(fresh, **options)
+
+
+def lattice(planar):
+    """Return the cells of a square or cubic lattice of unit spacing, which wraps around."""
+    side = 6
+    domain = Domain.slab((side, side), 0.25, periodic=True) if planar else Domain.cube(float(side), periodic=True)
+    axes = [np.arange(side) + 0.5] * 2 + [[0.125] if planar else np.arange(side) + 0.5]
+    return carve(tessellate(np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3), domain))
+
+
+@pytest.mark.parametrize(("planar", "solid"), [(False, 0.8**3), (True, 0.8**2)])
+def test_a_gap_takes_half_of_itself_off_every_face(planar, solid):
+    bed = shrink(lattice(planar), gap=0.2)
+    assert porosity(bed) == pytest.approx(1 - solid, rel=1e-12)
+    np.testing.assert_allclose(throat_widths(bed), 0.2, rtol=1e-12)
+
+
+def periodic_bed(n=300):
+    domain = Domain.cube(6e-3, periodic=True)
+    return carve(tessellate(relax(poisson(domain, n, rng=2), domain, iterations=2), domain))
+
+
+@pytest.mark.parametrize("bed", [periodic_bed(), slab_bed(50)], ids=["space", "plane"])
+def test_all_throats_are_as_wide_as_the_gap_and_no_grains_are_nearer(bed):
+    gap = 0.05 * float(diameters(bed.grains).mean())
+    apart = shrink(bed, gap=gap)
+    np.testing.assert_allclose(throat_widths(apart), gap, rtol=1e-9)
+    assert len(contacts(apart, within=gap * (1 - 1e-9))) == 0
+    assert len(contacts(apart, within=gap * (1 + 1e-9))) > len(bed)
+    assert json.loads(apart.provenance[-1]) == {"step": "shrink", "gap": gap}
+
+
+def test_a_gap_does_not_depend_on_what_was_done_to_the_grains_before():
+    bed = periodic_bed()
+    gap = 0.05 * float(diameters(bed.grains).mean())
+    at_once = shrink(bed, gap=gap)
+    for before in (
+        shrink(bed, scale=0.985),
+        shrink(bed, scale=0.985, about="seed"),
+        shrink(bed, gap=0.3 * gap),
+        jitter_throats(shrink(bed, scale=0.985), rng=1, strength=0.5),
+    ):
+        after = shrink(before, gap=gap)
+        np.testing.assert_allclose(volumes(after.grains), volumes(at_once.grains), rtol=1e-6)
+        np.testing.assert_allclose(after.positions, at_once.positions, atol=1e-6 * gap)
+    np.testing.assert_allclose(volumes(shrink(at_once, gap=gap).grains), volumes(at_once.grains), rtol=1e-12)
+
+
+def test_walls_keep_half_the_gap():
+    domain = Domain.cube()
+    bed = shrink(carve(tessellate(relax(poisson(domain, 60, rng=1), domain), domain), keep="all"), gap=0.02)
+    vertices = world_vertices(bed)
+    np.testing.assert_allclose([vertices.min(axis=0), vertices.max(axis=0)], [[0.01] * 3, [0.99] * 3], atol=1e-12)
+
+
+def test_grains_apart_by_a_gap_can_be_scaled_and_moved_within_their_cells_without_overlap():
+    bed = periodic_bed()
+    gap = 0.05 * float(diameters(bed.grains).mean())
+    moved = shrink(bed, gap=gap)
+    for k in range(3):
+        moved = jitter_throats(shrink(moved, scale=0.98, about="seed"), rng=k)
+    assert validate(moved, overlap=0.0).ok
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"gap": -1e-6}, "gap must be zero or more and finite; got -1e-06"),
+        ({"gap": np.nan}, "gap must be zero or more"),
+        ({"gap": 1e-5, "about": "seed"}, "leave out about"),
+        ({"gap": 1e-5, "about": [[0, 0, 0]]}, "leave out about"),
+        ({"gap": 1e-5, "region": "domain"}, "leave out region"),
+        ({"gap": 1e-5, "porosity": 0.4}, "got porosity=0.4, gap=1e-05"),
+        ({"gap": 1.0}, "half the gap must be below the radius of the largest ball inside each grain; .* by "),
+        ({"gap": 0.0}, "a gap can only grow: .* than half of 0.0 already: 0, 1, 2"),
+    ],
+)
+def test_a_gap_that_cannot_be_is_refused(fresh, options, words):
+    with pytest.raises(InputError, match=words):
+        shrink(fresh, **options)
+
+
+def test_only_grains_that_know_their_cells_can_be_set_apart(poured, fresh):
+    for bed in (poured, replace(fresh, links=replace(fresh.links, sites=None, heights=None, rooms=None))):
+        with pytest.raises(InputError, match="only while grains are in the cells they grew in"):
+            shrink(bed, gap=1e-5)
 
 
 def test_size_in_metres_is_reached_exactly_and_the_rest_follows(fresh):

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from grainsdem.errors import InputError, name_offenders
 from grainsdem.geometry.clipping import box_planes, solid_volume
 from grainsdem.geometry.forms.sizes import grain_diameters, weighted_percentiles
-from grainsdem.geometry.integrals import face_planes, volumes
+from grainsdem.geometry.integrals import volumes
 from grainsdem.geometry.rotations import to_matrices
+from grainsdem.packing.inset import OUT, set_apart, slacks
 from grainsdem.ragged import owners, sum_rows
 
 if TYPE_CHECKING:
@@ -23,9 +24,6 @@ if TYPE_CHECKING:
     About = Literal["centroid", "seed", "vertex_mean"]
     Region = Literal["cells", "domain"] | tuple[ArrayLike, ArrayLike]
 
-_OUT = 1e-9
-"""How far outside its cell a centre may lie, relative to the cell's size: rounding of what came from a file."""
-
 
 def shrink(
     packing: Packing,
@@ -34,10 +32,11 @@ def shrink(
     porosity: float | None = None,
     solid_fraction: float | None = None,
     void_ratio: float | None = None,
+    gap: float | None = None,
     about: About | ArrayLike = "centroid",
     region: Region = "cells",
 ) -> Packing:
-    """Return the packing with every grain scaled about a point of its cell, by one factor for all.
+    """Return the packing with every grain made smaller in its cell: scaled by one factor for all, or inset to a gap.
 
     Parameters
     ----------
@@ -48,9 +47,13 @@ def shrink(
         they are.
     porosity, solid_fraction, void_ratio : float
         Void fraction of the region in [0, 1), one minus that, or volume of void over volume of solid, zero or more:
-        reached exactly. Give one of these or ``scale``.
+        reached exactly.
+    gap : float
+        Distance [m] between the faces of neighbours, zero or more, the same everywhere: every face is moved inward to
+        half of it from the plane of its cell, walls included. Shapes change: faces and edges vanish, and small grains
+        lose more of their volume than large ones. Give one of the five.
     about : {"centroid", "seed", "vertex_mean"} or array_like, shape (n, 3)
-        What each grain shrinks about: its centroid, the seed of its cell, the mean of its vertices as the paper
+        What each grain is scaled about: its centroid, the seed of its cell, the mean of its vertices as the paper
         has it, or a point [m] of your own inside its cell.
     region : {"cells", "domain"} or tuple of two array_like, shape (3,)
         What the porosity is of: the union of the cells that the grains grew in, the whole domain, or the box between
@@ -64,8 +67,8 @@ def shrink(
     Raises
     ------
     InputError
-        If not exactly one of the four is given, it is out of range, the porosity asked for would need grains larger
-        than they are, or a grain would shrink about a point outside its cell.
+        If not exactly one of the five is given, it is out of range, the porosity or gap asked for would need grains
+        larger than they are, a grain would shrink about a point outside its cell, or it would vanish by the gap.
 
     Notes
     -----
@@ -74,11 +77,20 @@ def shrink(
     and F follows in closed form; F² in a planar bed, whose prisms shrink in the plane only. In a box, F is the root of
     the exact volume that the box cuts out of the grains.
     """
-    given = {"scale": scale, "porosity": porosity, "solid_fraction": solid_fraction, "void_ratio": void_ratio}
+    given = {
+        "scale": scale,
+        "porosity": porosity,
+        "solid_fraction": solid_fraction,
+        "void_ratio": void_ratio,
+        "gap": gap,
+    }
     known = [name for name, value in given.items() if value is not None]
     if len(known) != 1:
         got = ", ".join(f"{name}={given[name]}" for name in known) or "none"
-        raise InputError(f"give one of scale, porosity, solid_fraction and void_ratio; got {got}")
+        raise InputError(f"give one of scale, porosity, solid_fraction, void_ratio and gap; got {got}")
+    if gap is not None:
+        _refuse_unused(about, region)
+        return set_apart(packing, gap).with_step("shrink", gap=float(gap))
     arms = _arms(packing, about)
     if scale is None:
         scale = _scale_for(packing, arms, _porosity(known[0], given[known[0]]), region)
@@ -87,6 +99,14 @@ def shrink(
     options = {name: float(value) for name, value in given.items() if value is not None and name != "scale"}
     named = about if isinstance(about, str) else "points"
     return _scaled(packing, arms, scale).with_step("shrink", scale=float(scale), about=named, **options)
+
+
+def _refuse_unused(about: About | ArrayLike, region: Region) -> None:
+    """Raise `InputError` where options of scaling are given beside a gap."""
+    if not isinstance(about, str) or about != "centroid":
+        raise InputError("a gap moves faces, not vertices about a point: leave out about")
+    if not isinstance(region, str) or region != "cells":
+        raise InputError("a gap is the same in every region: leave out region")
 
 
 def _porosity(name: str, value: float | None) -> float:
@@ -139,44 +159,12 @@ def _refuse_outside(packing: Packing, arms: Floats) -> None:
     beyond = slacks(packing, cells=True)
     owner = owners(packing.grains.face_offsets)
     out = np.einsum("fi,fi->f", beyond.normals, arms[owner]) - beyond.distances
-    bad = np.unique(owner[out > _OUT * np.cbrt(volumes(packing.grains))[owner]])
+    bad = np.unique(owner[out > OUT * np.cbrt(volumes(packing.grains))[owner]])
     if bad.size:
         raise InputError(
             f"grains can shrink only about points in their own cells; {bad.size} of {len(packing)} lie outside: "
             f"{name_offenders(bad)}"
         )
-
-
-class Slacks(NamedTuple):
-    """Room between grains and the planes of their cells.
-
-    Parameters
-    ----------
-    normals : ndarray, shape (n_faces, 3)
-        Outward unit normals in the world.
-    distances : ndarray, shape (n_faces,)
-        Distance [m] to the cell's plane along each.
-    """
-
-    normals: NDArray[np.float64]
-    distances: NDArray[np.float64]
-
-
-def slacks(packing: Packing, *, cells: bool = False) -> Slacks:
-    """Return how far each face is from the plane of its own cell, or with ``cells`` how far the centroid is.
-
-    Without known cells the planes are those of the faces themselves.
-    """
-    grains, links = packing.grains, packing.links
-    planes = face_planes(grains)
-    owner = owners(grains.face_offsets)
-    normals = planes.normals
-    if not (packing.quaternions == [1.0, 0.0, 0.0, 0.0]).all():
-        normals = np.einsum("fij,fj->fi", to_matrices(packing.quaternions)[owner], normals)
-    distances = planes.heights
-    if links is not None and links.sites is not None and links.heights is not None:
-        distances = links.heights - np.einsum("fi,fi->f", normals, (packing.positions - links.sites)[owner])
-    return Slacks(normals, distances if cells else distances - planes.heights)
 
 
 def _scaled(packing: Packing, arms: Floats, scale: float) -> Packing:

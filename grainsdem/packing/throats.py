@@ -9,7 +9,7 @@ import numpy as np
 
 from grainsdem.errors import InputError, ShapeError
 from grainsdem.packing.contacts import neighbor_contacts
-from grainsdem.packing.shrink import slacks
+from grainsdem.packing.inset import slacks
 from grainsdem.ragged import owners
 
 if TYPE_CHECKING:
