@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from exporters.mjcf import MjcfOptions
-from exporters.mujoco_log import quiet
-from grainsdem.dynamics.mechanics import SAMPLE_UNITS, Sample, sample
-from grainsdem.dynamics.scene import Scene, build
-from grainsdem.dynamics.watch import TroubleError, find_trouble
-from grainsdem.errors import InputError, UnstableError
-from grainsdem.storage import HistoryWriter
+from grainsdem.dynamics.loop import Loop, Record
+from grainsdem.dynamics.mechanics import SAMPLE_UNITS, Sample, contact_graph, sample, snapshot
+from grainsdem.dynamics.scene import build, refuse_overlap
+from grainsdem.dynamics.watch import find_trouble
+from grainsdem.errors import InputError
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from numpy.typing import NDArray
 
+    from grainsdem.dynamics.scene import Scene
     from grainsdem.model import ContactGraph, Packing
 
 REST_ENERGY = 1e-6
@@ -40,17 +39,8 @@ goes on with half the step."""
 REFINEMENTS = 3
 """How often the time step is halved to make the overlaps shallower."""
 
-SAMPLE_TIME = 0.2
-"""Time between samples [√(d/g)]."""
-
 LEAST_TIME = 2.0
 """Time before which nothing counts as rest [√(d/g)]: grains that have just been let go are slow, too."""
-
-START_OVERLAP = 1e-2
-"""Deepest overlap at the start [d]; a deeper one explodes."""
-
-HALVINGS = 3
-"""How often the time step is halved before a run is given up."""
 
 
 class Progress(NamedTuple):
@@ -159,6 +149,7 @@ def settle(
     time_step: float = 0.01,
     max_time: float = 200.0,
     history_path: str | os.PathLike[str] | None = None,
+    resume: bool = False,
     progress: Callable[[Progress], None] | None = None,
 ) -> Settled:
     """Let the grains fall under gravity in their container until they are at rest.
@@ -181,6 +172,9 @@ def settle(
         Time limit in units of √(d/g).
     history_path : str or path-like, optional
         HDF5 file that the history is appended to while the run goes, so that an interrupted run keeps what it had.
+    resume : bool
+        Whether to go on from where the run of that history was killed, to the same bits as if it had not been; a run
+        that has left no checkpoint starts anew.
     progress : callable, optional
         Called with a `Progress` at every sample.
 
@@ -205,169 +199,107 @@ def settle(
         raise InputError(f"max_time must be positive; got {max_time}")
     options = MjcfOptions(friction=friction, wall_friction=wall_friction, gravity=gravity, time_step=time_step)
     scene = build(packing, options)
-    _refuse_overlap(scene)
-    with quiet(), ExitStack() as stack:
-        writer = None
-        if history_path is not None:
-            attributes = {
-                "experiment": "settle",
-                **asdict(scene.units),
-                "provenance": list(packing.provenance),
-            }
-            writer = stack.enter_context(HistoryWriter(history_path, SAMPLE_UNITS, attributes=attributes))
-        run = _Run(scene, writer, progress, max_time)
-        try:
-            at_rest = run.until_rest()
-        except KeyboardInterrupt as interrupt:
-            if writer is not None:
-                interrupt.add_note(f"the history up to {run.time_in_si():.4g} s is kept in {writer.path}")
-            raise
-    report = _report(scene, run, at_rest=at_rest)
+    refuse_overlap(scene)
+    run = SettleLoop(scene, Record(history_path, resume, {"max_time": max_time}), progress, max_time)
+    run.run()
     settled = scene.packing().with_step(
         "settle",
         friction=friction,
         wall_friction=wall_friction,
         gravity=gravity,
         time_step=time_step,
-        at_rest=at_rest,
+        at_rest=run.at_rest,
     )
-    return Settled(settled, run.history(), report, scene.contacts())
+    return Settled(settled, run.history(), _report(run), contact_graph(snapshot(scene)))
 
 
-def _refuse_overlap(scene: Scene) -> None:
-    distances = np.asarray(scene.data.contact.dist)
-    if distances.size and distances.min() < -START_OVERLAP:
-        worst = int(np.argmin(distances))
-        names = [scene.model.body(b).name for b in scene.model.geom_bodyid[scene.data.contact.geom[worst]]]
-        raise InputError(
-            f"the packing must not overlap by more than {START_OVERLAP:g} d at the start; "
-            f"{' and '.join(names)} overlap by {-distances[worst]:.3g} d"
-        )
+class SettleLoop(Loop):
+    """Grains that fall until they are at rest, and then once more with half the step while they overlap too much."""
 
+    experiment = "settle"
+    columns = SAMPLE_UNITS
 
-class _Run:
-    """The loop of one run: steps, samples, and the way back when something goes wrong."""
-
-    def __init__(
-        self,
-        scene: Scene,
-        writer: HistoryWriter | None,
-        progress: Callable[[Progress], None] | None,
-        max_time: float,
-    ) -> None:
-        self.scene = scene
-        self.writer = writer
+    def __init__(self, scene: Scene, record: Record, progress: Callable[[Progress], None] | None, limit: float) -> None:
+        super().__init__(scene, record)
         self.progress = progress
-        self.max_time = max_time
-        self.samples = [sample(scene)]
-        self._lowest = self.samples[0].total_energy
-        self.halvings = 0
+        self.limit = limit
         self.refinements = 0
-        self.n_steps = 0
+        self.at_rest = False
         self._rested_from = 0
+        self._lowest = sample(scene).total_energy
 
-    def until_rest(self) -> bool:
-        """Step until the bed is at rest or time is up; return which."""
-        good = self.scene.state()
-        while self.scene.time() < self.max_time:
-            try:
-                n_steps = self._advance()
-                now = sample(self.scene)
-                find_trouble(self.scene, now, self.samples[-1], self._lowest)
-            except (TroubleError, _fatal_error()) as trouble:
-                self._go_back(good, trouble)
-                continue
-            good = self.scene.state()
-            self.n_steps += n_steps
-            self._keep(now)
-            if self._is_at_rest():
-                if now.overlap_max <= REST_OVERLAP or self.refinements == REFINEMENTS:
-                    return True
-                self._refine()
-        return False
+    def measure(self) -> Sample:
+        """Return what the state of the last step says."""
+        return sample(self.scene)
 
-    def time_in_si(self) -> float:
-        """Return the time [s] of the last good sample."""
-        return self.samples[-1].time * self.scene.units.time
+    def check(self, now: Sample) -> None:
+        """Raise `TroubleError` where something is wrong with the present state."""
+        find_trouble(self.scene, now, self.samples[-1], self._lowest)
 
-    def history(self) -> dict[str, NDArray[Any]]:
-        """Return the samples as series in SI where they have a unit."""
-        return {
-            name: np.array(values)
-            for name, values in zip(Sample._fields, zip(*map(self._in_si, self.samples), strict=True), strict=True)
-        }
+    def is_over(self) -> bool:
+        """Return whether the bed is at rest or time is up."""
+        return self.at_rest or self.scene.time() >= self.limit
 
-    def _advance(self) -> int:
-        import mujoco
-
-        n_steps = max(1, round(SAMPLE_TIME / float(self.scene.model.opt.timestep)))
-        # Short calls: an interrupt is answered between them.
-        for _ in range(n_steps):
-            mujoco.mj_step(self.scene.model, self.scene.data)
-        return n_steps
-
-    def _keep(self, now: Sample) -> None:
-        self.samples.append(now)
+    def keep(self, now: Sample) -> None:
+        """Tell the progress, and look whether the bed is at rest."""
         self._lowest = min(self._lowest, now.total_energy)
-        if self.writer is not None:
-            self.writer.append(**self._in_si(now)._asdict())
         if self.progress is not None:
             second = self.scene.units.time
             self.progress(
-                Progress(now.time * second, self.max_time * second, now.kinetic_energy, REST_ENERGY, now.n_contacts)
+                Progress(now.time * second, self.limit * second, now.kinetic_energy, REST_ENERGY, now.n_contacts)
             )
+        if self._rests():
+            self.at_rest = now.overlap_max <= REST_OVERLAP or self.refinements == REFINEMENTS
+            if not self.at_rest:
+                self.refine()
 
-    def _in_si(self, now: Sample) -> Sample:
-        return now._replace(time=now.time * self.scene.units.time, height=now.height * self.scene.units.length)
+    def refine(self) -> None:
+        """Halve the time step of a bed at rest, and wait for rest anew."""
+        self.refinements += 1
+        self._rested_from = len(self.samples)
+        self.halve_step()
 
-    def _is_at_rest(self) -> bool:
+    def halve_step(self) -> None:
+        """Halve the time step; the contacts that get stiffer with it may lift the bed by the overlaps they push out."""
+        last = self.samples[-1]
+        floor = self.scene.source.domain.lower[self.scene.up] / self.scene.units.length
+        # A column reaches up to twice the mean height and has no more contacts than diameters.
+        self._lowest = last.total_energy + last.overlap_max * 2 * (last.height - floor)
+        super().halve_step()
+
+    def in_si(self, row: Sample) -> Sample:
+        """Return a sample with its time [s] and height [m] in SI."""
+        return row._replace(time=row.time * self.scene.units.time, height=row.height * self.scene.units.length)
+
+    def memory(self) -> dict[str, Any]:
+        """Return what the run remembers besides state and samples."""
+        return {
+            **super().memory(),
+            "refinements": self.refinements,
+            "at_rest": self.at_rest,
+            "rested_from": self._rested_from,
+            "lowest": self._lowest,
+        }
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Take back what `memory` gave."""
+        super().recall(memory)
+        self.refinements, self.at_rest = memory["refinements"], memory["at_rest"]
+        self._rested_from, self._lowest = memory["rested_from"], memory["lowest"]
+
+    def _rests(self) -> bool:
         if self.scene.time() <= LEAST_TIME or len(self.samples) - self._rested_from <= REST_SAMPLES:
             return False
         last = self.samples[-REST_SAMPLES:]
         return all(s.kinetic_energy < REST_ENERGY and s.unbalanced_force < REST_FORCE for s in last)
 
-    def _refine(self) -> None:
-        """Halve the time step of a bed at rest, and wait for rest anew."""
-        self.refinements += 1
-        self._rested_from = len(self.samples)
-        self._halve_step()
 
-    def _halve_step(self) -> None:
-        """Halve the time step; the contacts that get stiffer with it may lift the bed by the overlaps they push out."""
-        last = self.samples[-1]
-        floor = self.scene.source.domain.lower[2] / self.scene.units.length
-        # A column reaches up to twice the mean height and has no more contacts than diameters.
-        self._lowest = last.total_energy + last.overlap_max * 2 * (last.height - floor)
-        self.scene.set_time_step(self.scene.model.opt.timestep / 2)
-
-    def _go_back(self, good: NDArray[np.float64], trouble: Exception) -> None:
-        """Return to the last good state with half the time step, or give up."""
-        failed_at = self.scene.time() * self.scene.units.time
-        self.scene.restore(good)
-        if self.halvings == HALVINGS:
-            raise UnstableError(
-                f"the run went wrong at {failed_at:.6g} s: {trouble}; {HALVINGS} smaller time steps did not help. "
-                f"The last good state is that at {self.scene.time() * self.scene.units.time:.6g} s",
-                self.scene.packing(),
-            ) from trouble
-        self.halvings += 1
-        self._halve_step()
-
-
-def _fatal_error() -> type[Exception]:
-    """Return what MuJoCo raises where it cannot go on, for want of memory as a rule."""
-    import mujoco
-
-    kind: type[Exception] = mujoco.FatalError
-    return kind
-
-
-def _report(scene: Scene, run: _Run, *, at_rest: bool) -> SettleReport:
-    last = run.samples[-1]
+def _report(run: SettleLoop) -> SettleReport:
+    last, second = run.samples[-1], run.scene.units.time
     return SettleReport(
-        at_rest=at_rest,
-        time=last.time * scene.units.time,
-        time_step=scene.model.opt.timestep * scene.units.time,
+        at_rest=run.at_rest,
+        time=last.time * second,
+        time_step=run.scene.engine.time_step * second,
         n_steps=run.n_steps,
         halvings=run.halvings,
         refinements=run.refinements,

@@ -28,6 +28,17 @@ class TroubleError(Exception):
     """What is wrong with a state; the run that meets it goes back to the last good one."""
 
 
+def refuse_broken(scene: Scene) -> None:
+    """Raise `TroubleError` where the state holds numbers that are not finite, or the engine complains."""
+    troubles = [scene.engine.complaint()]
+    positions, quaternions = scene.poses()
+    bad = np.flatnonzero(~(np.isfinite(positions).all(axis=1) & np.isfinite(quaternions).all(axis=1)))
+    if bad.size or not np.isfinite(scene.state()).all():
+        troubles.append(f"numbers that are not finite, grains {name_offenders(bad) or 'unknown'}")
+    if any(troubles):
+        raise TroubleError("; ".join(filter(None, troubles)))
+
+
 def find_trouble(scene: Scene, now: Sample, before: Sample, lowest: float) -> None:
     """Raise `TroubleError` where something is wrong with the present state.
 
@@ -40,15 +51,9 @@ def find_trouble(scene: Scene, now: Sample, before: Sample, lowest: float) -> No
     lowest : float
         Lowest total energy of all good samples [m g d a grain]: with walls at rest it cannot rise.
     """
-    import mujoco
-
-    data = scene.data
-    if not (np.isfinite(data.qpos).all() and np.isfinite(data.qvel).all() and np.isfinite(now.total_energy)):
-        bad = np.flatnonzero(~np.isfinite(data.qpos.reshape(scene.n_grains, 7)).all(axis=1))
-        raise TroubleError(f"numbers that are not finite, grains {name_offenders(bad)}")
-    for kind in range(mujoco.mjtWarning.mjNWARNING):
-        if data.warning[kind].number:
-            raise TroubleError(f"MuJoCo's warning {mujoco.mjtWarning(kind).name}, {data.warning[kind].lastinfo}")
+    refuse_broken(scene)
+    if not np.isfinite(now.total_energy):
+        raise TroubleError("an energy that is not finite")
     if now.total_energy > lowest + ENERGY_SLACK + STORED_SHARE * before.kinetic_energy:
         raise TroubleError(f"energy rose from {lowest:.4g} to {now.total_energy:.4g} m g d a grain")
     escaped = np.flatnonzero(_distance_outside(scene) > ESCAPE_DISTANCE)
@@ -61,6 +66,6 @@ def _distance_outside(scene: Scene) -> NDArray[np.float64]:
     positions, _ = scene.poses()
     lower = scene.source.domain.lower / scene.units.length
     upper = (scene.source.domain.upper / scene.units.length).copy()
-    upper[2] = np.inf  # there is no lid
+    upper[scene.up] = np.inf  # there is no lid
     distances: NDArray[np.float64] = np.maximum(lower - positions, positions - upper).max(axis=1)
     return distances

@@ -1,0 +1,155 @@
+"""Apparatus around a bed: walls that move, lids, plates of glued grains, added to the text that the exporter wrote."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+from xml.etree import ElementTree as ET
+
+import numpy as np
+
+from grainsdem.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from numpy.typing import ArrayLike
+
+    Element = ET.Element
+
+_GRAINS, _LOOSE = "1", "3"
+"""Bits of collisions. Grains and the container have the first bit, the apparatus the second, and grains answer to both:
+parts of the apparatus pass through each other and through the container."""
+
+_GRAIN_INERTIA = 0.29
+"""Mean of the mass and the moments of inertia of a sphere of unit diameter and density."""
+
+_PART = {"contype": "2", "conaffinity": "2"}
+
+
+class Apparatus:
+    """A model's text that parts can be added to, before the grains: a part that many touch comes first in the matrices.
+
+    Parameters
+    ----------
+    text : str
+        What `exporters.mjcf.text` wrote.
+    """
+
+    def __init__(self, text: str) -> None:
+        self._root = ET.fromstring(text)  # noqa: S314  (our own exporter's text)
+        self._world = _find(self._root, "worldbody")
+        self._grains = {body.attrib["name"]: body for body in self._world.findall("body") if _is_grain(body)}
+        for kind in _find(self._root, "default").findall("default"):
+            if kind.get("class") == "grain":
+                _find(kind, "geom").set("conaffinity", _LOOSE)
+
+    def text(self) -> str:
+        """Return the text with what was added."""
+        # The tolerance of the solver is relative to the mean inertia: that of grains, however heavy the parts.
+        _find(self._root, "statistic").set("meaninertia", _numbers(_GRAIN_INERTIA))
+        return ET.tostring(self._root, encoding="unicode")
+
+    def make_spheres(self, radii: ArrayLike, masses: ArrayLike) -> None:
+        """Replace every grain by a sphere of its own: radii [d] and masses, shape (n,)."""
+        assets = _find(self._root, "asset")
+        for mesh in assets.findall("mesh"):
+            assets.remove(mesh)
+        numbers = np.column_stack(np.broadcast_arrays(radii, masses)).tolist()
+        for body, (radius, mass) in zip(self._grains.values(), numbers, strict=True):
+            inertial, shape = _find(body, "inertial"), _find(body, "geom")
+            inertial.attrib.update(
+                pos="0 0 0", quat="1 0 0 0", diaginertia=_numbers(np.full(3, 0.4 * mass * radius**2))
+            )
+            del shape.attrib["mesh"]
+            shape.attrib.update(type="sphere", size=_numbers(radius))
+
+    def set_gravity(self, gravity: ArrayLike) -> None:
+        """Set the acceleration, shape (3,)."""
+        _find(self._root, "option").set("gravity", _numbers(gravity))
+
+    def add_body(
+        self,
+        name: str,
+        position: ArrayLike,
+        joints: Iterable[tuple[str, str, ArrayLike]],
+        *,
+        mass: float,
+        parent: Element | None = None,
+    ) -> Element:
+        """Add a part that moves along or about its joints (name, ``slide`` or ``hinge``, axis), and return it."""
+        body = ET.Element("body", name=name, pos=_numbers(position))
+        for joint, kind, axis in joints:
+            ET.SubElement(body, "joint", name=joint, type=kind, axis=_numbers(axis), limited="false")
+        moments = _numbers(np.full(3, mass))
+        ET.SubElement(body, "inertial", pos="0 0 0", mass=_numbers(mass), diaginertia=moments)
+        if parent is None:
+            self._insert(body)
+        else:
+            parent.append(body)
+        return body
+
+    def add_shape(
+        self,
+        body: Element | None,
+        name: str,
+        kind: str,
+        size: ArrayLike,
+        *,
+        position: ArrayLike = (0.0, 0.0, 0.0),
+        friction: float = 0.0,
+    ) -> None:
+        """Add a ``box`` or a ``cylinder`` of half sizes to a part, or to the world."""
+        shape = ET.Element(
+            "geom",
+            {
+                "name": name,
+                "type": kind,
+                "size": _numbers(size),
+                "pos": _numbers(position),
+                "material": "wall",
+                **_PART,
+            },
+        )
+        # MuJoCo takes the larger friction of a pair unless one has priority.
+        shape.set("priority", "1")
+        shape.set("friction", _numbers(friction))
+        shape.set("condim", "3" if friction > 0 else "1")
+        if body is None:
+            self._insert(shape)
+        else:
+            body.append(shape)
+
+    def glue(self, grains: Iterable[int], body: Element | None) -> None:
+        """Fix grains to a part, or to the world's new part ``floor_grains``, where they are."""
+        if body is None:
+            body = ET.Element("body", name="floor_grains", pos="0 0 0")
+            self._insert(body)
+        origin = np.fromstring(body.attrib["pos"], sep=" ")
+        for grain in grains:
+            element = self._grains[f"g{grain:06d}"]
+            self._world.remove(element)
+            for joint in (*element.findall("freejoint"), *element.findall("joint")):
+                element.remove(joint)
+            element.set("pos", _numbers(np.fromstring(element.attrib["pos"], sep=" ") - origin))
+            _find(element, "geom").attrib.update(_PART)
+            body.append(element)
+
+    def _insert(self, element: Element) -> None:
+        """Put an element before the first grain."""
+        first = next(i for i, child in enumerate(self._world) if _is_grain(child))
+        self._world.insert(first, element)
+
+
+def _is_grain(element: Element) -> bool:
+    return element.tag == "body" and element.get("childclass") == "grain"
+
+
+def _find(element: Element, tag: str) -> Element:
+    found = element.find(tag)
+    if found is None:
+        raise InputError(f"the model's text has no {tag} element")
+    return found
+
+
+def _numbers(values: ArrayLike) -> str:
+    return " ".join(f"{value:.12g}" for value in np.atleast_1d(np.asarray(values, float)))

@@ -1,0 +1,309 @@
+"""MuJoCo behind the contract of an engine."""
+
+from __future__ import annotations
+
+import re
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from exporters.mujoco_log import quiet
+from grainsdem.dynamics.engine.contract import Contacts, EngineError, Motion
+from grainsdem.errors import InputError
+from grainsdem.geometry.rotations import to_matrices
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from contextlib import AbstractContextManager
+    from pathlib import Path
+
+    from numpy.typing import ArrayLike, NDArray
+
+    Floats = NDArray[np.float64]
+
+CONVERGED_ITERATIONS = 300
+"""Iterations of conjugate gradients after which forces are known to 7e-7; those of a step are known to 10 % only."""
+
+_GRAIN = re.compile(r"g\d{6,}")
+
+
+def load(text: str, *, cache: Path | None = None) -> MujocoEngine:
+    """Compile a model's text, or take it compiled from ``cache`` where that file was made from the same text.
+
+    Raises
+    ------
+    InputError
+        If MuJoCo refuses the text.
+    """
+    import mujoco
+
+    with quiet():
+        if cache is not None and cache.is_file():
+            return MujocoEngine(mujoco.MjModel.from_binary_path(str(cache)))
+        try:
+            model = mujoco.MjModel.from_xml_string(text)
+        except ValueError as error:
+            raise InputError(f"MuJoCo refuses the packing: {error}") from error
+    if cache is not None:
+        mujoco.mj_saveModel(model, str(cache), None)
+    return MujocoEngine(model)
+
+
+class MujocoEngine:
+    """A compiled model and its state.
+
+    Parameters
+    ----------
+    model : mujoco.MjModel
+        The compiled model.
+    """
+
+    def __init__(self, model: Any) -> None:
+        import mujoco
+
+        self.name = f"MuJoCo {mujoco.__version__}"
+        self.model = model
+        # A state that turned NaN would otherwise be reset to the start without a word.
+        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+        self.data = mujoco.MjData(model)
+        self._probe: Any = None
+        names = [model.body(b).name for b in range(model.nbody)]
+        self.grain_of_body = np.array([int(name[1:]) if _GRAIN.fullmatch(name) else -1 for name in names], np.int64)
+        is_grain = self.grain_of_body >= 0
+        order = np.argsort(self.grain_of_body[is_grain], kind="stable")
+        self.body_of_grain = np.flatnonzero(is_grain)[order]
+        self.n_grains = int(is_grain.sum())
+        self.masses = np.array(model.body_mass[self.body_of_grain])
+        turns = to_matrices(model.body_iquat[self.body_of_grain])
+        moments = model.body_inertia[self.body_of_grain]
+        self.inertias = np.einsum("nij,nj,nkj->nik", turns, moments, turns)
+        self.is_glued = np.asarray(model.body_dofnum[self.body_of_grain] == 0)
+        self.parts, self._id_of_geom = _name_parts(model, names, self.grain_of_body)
+        self._axles = {
+            model.joint(j).name: (int(model.jnt_qposadr[j]), int(model.jnt_dofadr[j])) for j in range(model.njnt)
+        }
+        mujoco.mj_forward(model, self.data)
+
+    @property
+    def time(self) -> float:
+        """Simulated time [t]."""
+        return float(self.data.time)
+
+    @property
+    def time_step(self) -> float:
+        """Time step [t]."""
+        return float(self.model.opt.timestep)
+
+    @property
+    def gravity(self) -> Floats:
+        """Acceleration [g], shape (3,)."""
+        return np.array(self.model.opt.gravity)
+
+    def set_time_step(self, time_step: float) -> None:
+        """Change the time step, and the contact stiffness that follows from it."""
+        self.model.opt.timestep = time_step
+        self.model.geom_solref[:, 0] = 2 * time_step
+
+    def set_gravity(self, gravity: ArrayLike) -> None:
+        """Change the acceleration [g], shape (3,), that acts on everything."""
+        self.model.opt.gravity[:] = gravity
+
+    def set_friction(self, friction: float) -> None:
+        """Change the coefficient of friction among grains."""
+        self.model.geom_friction[self._is_loose(), 0] = friction
+
+    def remove(self, part: str) -> None:
+        """Let grains pass through a part from now on."""
+        chosen = self._id_of_geom == -1 - self.parts.index(part)
+        self.model.geom_contype[chosen] = self.model.geom_conaffinity[chosen] = 0
+
+    def step(self, n_steps: int) -> None:
+        """Go on by so many time steps, or raise `EngineError`."""
+        import mujoco
+
+        step, model, data = mujoco.mj_step, self.model, self.data
+        try:
+            # Short calls: an interrupt is answered between them.
+            for _ in range(n_steps):
+                step(model, data)
+        except mujoco.FatalError as error:  # for want of memory, as a rule
+            raise EngineError(str(error)) from error
+
+    def state(self) -> Floats:
+        """Return everything that the next step depends on, as one array."""
+        import mujoco
+
+        kind = mujoco.mjtState.mjSTATE_INTEGRATION  # FULLPHYSICS misses the solver's warm start
+        state = np.empty(mujoco.mj_stateSize(self.model, kind))
+        mujoco.mj_getState(self.model, self.data, state, kind)
+        return state
+
+    def restore(self, state: Floats) -> None:
+        """Go back to a state that `state` gave; warnings, and the scraps of a step that failed, are forgotten."""
+        import mujoco
+
+        kind = mujoco.mjtState.mjSTATE_INTEGRATION
+        mujoco.mj_resetData(self.model, self.data)
+        mujoco.mj_setState(self.model, self.data, state, kind)
+        mujoco.mj_forward(self.model, self.data)
+        # The forward pass has solved from the warm start and written its own: give the next step the one it had.
+        mujoco.mj_setState(self.model, self.data, state, kind)
+
+    def motion(self) -> Motion:
+        """Return where the grains are and how they move."""
+        import mujoco
+
+        probe, model = self._copy(), self.model
+        mujoco.mj_kinematics(model, probe)
+        mujoco.mj_comPos(model, probe)
+        mujoco.mj_comVel(model, probe)
+        at = self.body_of_grain
+        spins = probe.cvel[at, :3].copy()
+        # Spatial velocities refer to the centre of mass of the tree that the body hangs on.
+        arms = probe.xipos[at] - probe.subtree_com[model.body_rootid[at]]
+        velocities = probe.cvel[at, 3:] + np.cross(spins, arms)
+        return Motion(probe.xpos[at].copy(), probe.xquat[at].copy(), velocities, spins)
+
+    def contacts(self) -> Contacts:
+        """Return the contact points of the present state, with forces solved to convergence."""
+        import mujoco
+
+        probe = self._copy()
+        with self._converging():
+            mujoco.mj_forward(self.model, probe)
+        return self._read(probe)
+
+    def last_contacts(self) -> Contacts:
+        """Return the contact points of the last step, with forces as that step left them: fast, known to 10 %."""
+        return self._read(self.data)
+
+    def accelerations(self) -> Floats:
+        """Return the magnitude of each centroid's acceleration [g] in the last step, shape (n,)."""
+        result = np.zeros(self.n_grains)
+        dofs = self.model.body_dofnum[self.body_of_grain]
+        # Free joints have six speeds, planar ones three; the first three or two are those of the centroid.
+        for count, axes in ((6, 3), (3, 2)):
+            rows = np.flatnonzero(dofs == count)
+            first = self.model.body_dofadr[self.body_of_grain[rows]]
+            result[rows] = np.linalg.norm(self.data.qacc[first[:, None] + np.arange(axes)], axis=1)
+        return result
+
+    def deepest_overlap(self) -> tuple[float, tuple[str, str]]:
+        """Return the depth [d] of the deepest overlap of the present state, and the names of the two; zero for none."""
+        distances = np.asarray(self.data.contact.dist)
+        if not distances.size or distances.min() >= 0:
+            return 0.0, ("", "")
+        worst = int(np.argmin(distances))
+        one, two = (self.model.body(b).name for b in self.model.geom_bodyid[self.data.contact.geom[worst]])
+        return float(-distances[worst]), (one, two)
+
+    def _read(self, data: Any) -> Contacts:
+        """Return the contact points that carry force in ``data``, as the last solve left them."""
+        contact = data.contact
+        address = np.asarray(contact.efc_address)
+        rows = np.flatnonzero(address >= 0)
+        rows = rows[data.efc_force[address[rows]] > 0]
+        address = address[rows]
+        frames = np.asarray(contact.frame)[rows].reshape(-1, 3, 3)
+        dims = np.asarray(contact.dim)[rows]
+        forces = np.zeros((rows.size, 3))
+        for k in range(3):  # rows of the frame are the axes; a contact without friction has only the first
+            has = dims > k
+            forces[has] += data.efc_force[address[has] + k, None] * frames[has, k]
+        pairs = self._id_of_geom[np.asarray(contact.geom)[rows]].reshape(-1, 2)
+        turned = np.where(pairs[:, 0] > pairs[:, 1], -1.0, 1.0)
+        return Contacts(
+            np.sort(pairs, axis=1),
+            np.asarray(contact.pos)[rows].reshape(-1, 3).copy(),
+            frames[:, 0] * turned[:, None],
+            forces * turned[:, None],
+            np.asarray(contact.dist)[rows].copy(),
+            np.where(dims > 1, np.asarray(contact.friction)[rows].reshape(-1, 5)[:, 0], 0.0),
+        )
+
+    def axle(self, name: str) -> tuple[float, float]:
+        """Return position and speed of a joint of the apparatus."""
+        at, dof = self._axles[name]
+        return float(self.data.qpos[at]), float(self.data.qvel[dof])
+
+    def push(self, name: str, force: float) -> None:
+        """Let a force, or a torque, act along a joint of the apparatus until the next call."""
+        self.data.qfrc_applied[self._axles[name][1]] = force
+
+    def turn(self, name: str, speed: float) -> None:
+        """Set the present speed of a joint of the apparatus; a heavy part keeps it through a step."""
+        self.data.qvel[self._axles[name][1]] = speed
+
+    def muted(self) -> AbstractContextManager[list[str]]:
+        """Collect MuJoCo's warnings while a block lasts."""
+        return quiet()
+
+    def complaint(self) -> str:
+        """Return what is wrong by MuJoCo's own account, or nothing."""
+        import mujoco
+
+        warning = mujoco.mjtWarning
+        moving = (warning.mjWARN_BADQPOS, warning.mjWARN_BADQVEL, warning.mjWARN_BADQACC)
+        for kind in map(warning, range(warning.mjNWARNING)):
+            if self.data.warning[kind].number:
+                at = int(self.data.warning[kind].lastinfo)
+                where = self._name_of_coordinate(at, is_speed=kind != moving[0]) if kind in moving else str(at)
+                return f"MuJoCo's warning {kind.name}, {where}"
+        return ""
+
+    def _name_of_coordinate(self, number: int, *, is_speed: bool) -> str:
+        """Return what body a position's or a speed's number belongs to."""
+        first = self.model.jnt_dofadr if is_speed else self.model.jnt_qposadr
+        joint = int(np.searchsorted(first, number, side="right")) - 1
+        body = int(self.model.jnt_bodyid[joint])
+        grain = self.grain_of_body[body]
+        return f"grain {grain}" if grain >= 0 else str(self.model.body(body).name)
+
+    def _is_loose(self) -> NDArray[np.bool_]:
+        """Return which geoms are grains that move by themselves."""
+        mask: NDArray[np.bool_] = self._id_of_geom >= 0
+        return mask
+
+    def _copy(self) -> Any:
+        """Return a second set of data in the present state: reading it leaves the run as it was, to the bit."""
+        import mujoco
+
+        if self._probe is None:
+            self._probe = mujoco.MjData(self.model)
+        mujoco.mj_setState(self.model, self._probe, self.state(), mujoco.mjtState.mjSTATE_INTEGRATION)
+        return self._probe
+
+    @contextmanager
+    def _converging(self) -> Iterator[None]:
+        """Solve with conjugate gradients to convergence while the block lasts."""
+        import mujoco
+
+        option = self.model.opt
+        before = option.solver, option.iterations, option.tolerance, option.noslip_iterations
+        option.solver, option.iterations = mujoco.mjtSolver.mjSOL_CG, CONVERGED_ITERATIONS
+        option.tolerance, option.noslip_iterations = 0.0, 0
+        try:
+            yield
+        finally:
+            option.solver, option.iterations, option.tolerance, option.noslip_iterations = before
+
+
+def _name_parts(
+    model: Any, bodies: list[str], grain_of_body: NDArray[np.int64]
+) -> tuple[tuple[str, ...], NDArray[np.int64]]:
+    """Return the parts' names and, for each geom, its grain's number or −1 − its part's, shape (n_geoms,)."""
+    parts: list[str] = []
+    ids = np.empty(model.ngeom, dtype=np.int64)
+    for geom, body in enumerate(model.geom_bodyid.tolist()):
+        moves_freely = grain_of_body[body] >= 0 and model.body_dofnum[body] > 0
+        if moves_freely:
+            ids[geom] = grain_of_body[body]
+            continue
+        holder = model.body_parentid[body] if grain_of_body[body] >= 0 else body  # a glued grain belongs to its plate
+        # The walls of the container are parts of their own.
+        name = model.geom(geom).name if bodies[holder] in ("world", "container") else bodies[holder]
+        if name not in parts:
+            parts.append(name)
+        ids[geom] = -1 - parts.index(name)
+    return tuple(parts), ids
