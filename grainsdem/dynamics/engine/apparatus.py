@@ -23,7 +23,7 @@ parts of the apparatus pass through each other and through the container."""
 _GRAIN_INERTIA = 0.29
 """Mean of the mass and the moments of inertia of a sphere of unit diameter and density."""
 
-_PART = {"contype": "2", "conaffinity": "2"}
+_PART = {"contype": "2", "conaffinity": "0"}
 
 
 class Apparatus:
