@@ -1,0 +1,148 @@
+"""Points in a grid of linked lists: the neighbours of any place in constant time, while points come and go."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numba import njit
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from grainsdem.model import Domain
+
+    Floats = NDArray[np.float64]
+
+LEAST_WRAPPED = 4
+"""Cells along an axis that wraps: with fewer, what the distance reaches could be one cell twice, before and behind."""
+
+
+class Grid(NamedTuple):
+    """The cells of a box, and the first point in each.
+
+    Parameters
+    ----------
+    lower, lengths : ndarray, shape (3,)
+        Corner and edges of the box [m].
+    wraps : ndarray of bool, shape (3,)
+        Which axes wrap around.
+    distance : float
+        What is near [m]; no cell is narrower, but for axes with one cell.
+    counts : ndarray of int64, shape (3,)
+        Cells along each axis.
+    heads : ndarray of int64, shape (n_cells,)
+        First point in each cell, -1 where there is none.
+    """
+
+    lower: Floats
+    lengths: Floats
+    wraps: NDArray[np.bool_]
+    distance: float
+    counts: NDArray[np.int64]
+    heads: NDArray[np.int64]
+
+
+def make_grid(domain: Domain, distance: float, n: int) -> Grid:
+    """Return an empty grid for about ``n`` points, with cells no narrower than ``distance`` [m]."""
+    lengths = np.ascontiguousarray(domain.lengths)
+    axes = 2 if domain.is_planar else 3
+    # About a point a cell: more cells would cost memory and find nothing sooner.
+    size = max(distance, float(np.prod(lengths[:axes]) / max(n, 1)) ** (1 / axes))
+    counts = np.maximum(1, (lengths / size).astype(np.int64))
+    counts[axes:] = 1
+    counts[domain.periodic & (counts < LEAST_WRAPPED)] = 1
+    heads = np.full(int(np.prod(counts)), -1, dtype=np.int64)
+    return Grid(np.array(domain.lower), lengths, np.array(domain.periodic), float(distance), counts, heads)
+
+
+@njit(cache=True)
+def locate(grid, point, axis):
+    """Return the cell along one axis that a point lies in."""
+    k = int((point[axis] - grid.lower[axis]) / grid.lengths[axis] * grid.counts[axis])
+    return min(max(k, 0), grid.counts[axis] - 1)
+
+
+@njit(cache=True)
+def find_cell(grid, point):
+    """Return the number of the cell that a point lies in."""
+    i, j, k = locate(grid, point, 0), locate(grid, point, 1), locate(grid, point, 2)
+    return (i * grid.counts[1] + j) * grid.counts[2] + k
+
+
+@njit(cache=True)
+def insert(grid, links, points, k):
+    """Put point k at the head of its cell's list."""
+    cell = find_cell(grid, points[k])
+    links[k] = grid.heads[cell]
+    grid.heads[cell] = k
+
+
+@njit(cache=True)
+def remove(grid, links, points, k):
+    """Take point k out of its cell's list."""
+    cell = find_cell(grid, points[k])
+    if grid.heads[cell] == k:
+        grid.heads[cell] = links[k]
+        return
+    before = grid.heads[cell]
+    while links[before] != k:
+        before = links[before]
+    links[before] = links[k]
+
+
+@njit(cache=True)
+def search_range(grid, place, axis):
+    """Return the first and last cell along one axis that the distance reaches; beyond the ends where the axis wraps."""
+    count = grid.counts[axis]
+    if count == 1:
+        return np.int64(0), np.int64(0)
+    unit = (place[axis] - grid.lower[axis]) / grid.lengths[axis] * count
+    reach = grid.distance / grid.lengths[axis] * count
+    # Where rounding put a point into the cell beside its own, the comparison of distances is as uncertain.
+    low, high = np.int64(np.floor(unit - reach)), np.int64(np.floor(unit + reach))
+    if grid.wraps[axis]:
+        return low, high
+    return max(low, np.int64(0)), min(high, count - 1)
+
+
+@njit(cache=True)
+def wrap(k, count):
+    """Return the cell that is meant by one up to one count beyond an end."""
+    if k < 0:
+        return k + count
+    if k >= count:
+        return k - count
+    return k
+
+
+@njit(cache=True)
+def count_near(grid, links, points, place, itself, most):
+    """Return how many points lie nearer to a place than the grid's distance, ``itself`` left out.
+
+    The count stops where it exceeds ``most``. Along axes that wrap the nearest image counts.
+    """
+    found = np.int64(0)
+    square = grid.distance * grid.distance
+    nx, ny, nz = grid.counts[0], grid.counts[1], grid.counts[2]
+    low_x, high_x = search_range(grid, place, 0)
+    low_y, high_y = search_range(grid, place, 1)
+    low_z, high_z = search_range(grid, place, 2)
+    for a in range(low_x, high_x + 1):
+        for b in range(low_y, high_y + 1):
+            for c in range(low_z, high_z + 1):
+                other = grid.heads[(wrap(a, nx) * ny + wrap(b, ny)) * nz + wrap(c, nz)]
+                while other >= 0:
+                    if other != itself:
+                        away = 0.0
+                        for axis in range(3):
+                            step = abs(points[other, axis] - place[axis])
+                            if grid.wraps[axis]:
+                                step = min(step, grid.lengths[axis] - step)
+                            away += step * step
+                        if away < square:
+                            found += 1
+                            if found > most:
+                                return found
+                    other = links[other]
+    return found

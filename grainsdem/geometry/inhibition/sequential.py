@@ -1,0 +1,46 @@
+"""Points that arrive one after another and are refused where others are too near."""
+
+from __future__ import annotations
+
+from numba import njit
+
+from grainsdem.geometry.inhibition.grid import count_near, insert
+
+
+@njit(cache=True)
+def admit(grid, links, points, n, candidates, most, refused, patience):
+    """Offer candidates in turn to the first ``n`` points, until ``points`` is full or patience ends.
+
+    Parameters
+    ----------
+    grid : Grid
+        Holds the first ``n`` points.
+    links : ndarray of int64, shape (capacity,)
+        The grid's lists.
+    points : ndarray, shape (capacity, 3)
+        Positions [m]; those admitted are written from row ``n`` on.
+    n : int
+        Points so far.
+    candidates : ndarray, shape (m, 3)
+        Positions [m] to try.
+    most : ndarray of int64, shape (m,)
+        Points that each candidate bears near it.
+    refused, patience : int
+        Candidates refused in a row so far, and at most.
+
+    Returns
+    -------
+    n, refused : int
+        The same after the batch.
+    """
+    for row in range(len(candidates)):
+        if n == len(points) or refused >= patience:
+            break
+        if count_near(grid, links, points, candidates[row], -1, most[row]) > most[row]:
+            refused += 1
+            continue
+        points[n] = candidates[row]
+        insert(grid, links, points, n)
+        n += 1
+        refused = 0
+    return n, refused
