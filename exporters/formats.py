@@ -37,6 +37,11 @@ FORMATS = {
     "usd": Format("exporters.usd", (".usdc", ".usda")),
     "stl": Format("exporters.meshes.stl", (".stl",)),
     "obj": Format("exporters.meshes.obj", (".obj",)),
+    "ply": Format("exporters.meshes.ply", (".ply",)),
+    "glb": Format("exporters.meshes.glb", (".glb",)),
+    "3mf": Format("exporters.meshes.threemf", (".3mf",)),
+    "vtk": Format("exporters.meshes.vtk", (".vtp", ".vtu")),
+    "msh": Format("exporters.meshes.msh", (".msh",)),
     "openfoam": Format("exporters.openfoam"),
 }
 """Name of a format and its row. A suffix that several share is that of the first; the others go by name."""

@@ -1,0 +1,141 @@
+"""PLY, binary: one mesh, each face with its grain's id."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from exporters.check import check_name, measured
+from grainsdem.errors import InputError
+from grainsdem.geometry.rotations import world_vertices
+from grainsdem.geometry.triangles import best_apexes, triangles
+from grainsdem.ragged import owners
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from grainsdem.model import Packing
+
+MOST_CORNERS = 255
+"""Corners of a face that its one byte can count."""
+
+TRIANGLE = np.dtype([("count", "u1"), ("corners", "<i4", 3), ("grain", "<i4")])
+"""One triangle of the file."""
+
+# Faces packed at once.
+_BLOCK = 1 << 18
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlyOptions:
+    """What the faces are, and how exact the vertices.
+
+    Parameters
+    ----------
+    polygons : bool
+        The grains' own faces, for ParaView, MeshLab or Blender; else triangles, since some readers take no faces of
+        different numbers of corners.
+    double : bool
+        Vertices in double precision, which some viewers do not read, and not in single.
+    """
+
+    polygons: bool = False
+    double: bool = False
+
+
+Options = PlyOptions
+
+LOSES = (
+    "Polygons are cut into triangles, unless polygons is chosen.",
+    "Vertices are rounded to single precision, unless double is chosen.",
+    "Masses, densities and poses are not carried.",
+)
+"""What the format does not carry."""
+
+
+def files(
+    packing: Packing, *, name: str = "bed", suffix: str = ".ply", options: PlyOptions | None = None
+) -> dict[str, Iterator[bytes]]:
+    """Return the one file: vertices in metres, and faces with the property ``grain``.
+
+    Raises
+    ------
+    InputError
+        If the packing is empty or not finite, or a polygon has more than 255 corners.
+    """
+    check_name(name)
+    measured(packing)
+    options = options or PlyOptions()
+    most = int(np.diff(packing.grains.face_vertex_offsets).max())
+    if options.polygons and most > MOST_CORNERS:
+        raise InputError(f"a polygon of a PLY file has at most {MOST_CORNERS} corners; got one of {most}")
+    return {f"{name}{suffix}": _content(packing, options)}
+
+
+def _content(packing: Packing, options: PlyOptions) -> Iterator[bytes]:
+    real = "double" if options.double else "float"
+    n_faces, faces = _polygons(packing) if options.polygons else _triangles(packing)
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        "comment metres",
+        f"element vertex {len(packing.grains.vertices)}",
+        *(f"property {real} {axis}" for axis in "xyz"),
+        f"element face {n_faces}",
+        "property list uchar int vertex_indices",
+        "property int grain",
+        "end_header",
+    ]
+    yield ("\n".join(header) + "\n").encode()
+    yield world_vertices(packing).astype("<f8" if options.double else "<f4").tobytes()
+    yield from faces
+
+
+def _triangles(packing: Packing) -> tuple[int, Iterator[bytes]]:
+    """Return the number of triangles, and their bytes."""
+    cut = triangles(packing.grains, apexes=best_apexes(packing.grains))
+    ids = owners(cut.offsets)
+
+    def blocks() -> Iterator[bytes]:
+        for start in range(0, len(ids), _BLOCK):
+            grain = ids[start : start + _BLOCK]
+            records = np.empty(len(grain), dtype=TRIANGLE)
+            records["count"] = 3
+            records["corners"] = cut.indices[start : start + _BLOCK] + packing.grains.vertex_offsets[grain][:, None]
+            records["grain"] = grain
+            yield records.tobytes()
+
+    return len(ids), blocks()
+
+
+def _polygons(packing: Packing) -> tuple[int, Iterator[bytes]]:
+    """Return the number of polygons, and their bytes."""
+    ids = owners(packing.grains.face_offsets)
+    n = packing.grains.n_faces
+    starts = range(0, n, _BLOCK)
+    return n, (_packed(packing, ids, start, min(start + _BLOCK, n)) for start in starts)
+
+
+def _packed(packing: Packing, ids: NDArray[np.int64], start: int, stop: int) -> bytes:
+    """Return polygons as bytes: how many corners in one, the corners and the grain in four each."""
+    grains, rows = packing.grains, ids[start:stop]
+    offsets = grains.face_vertex_offsets[start : stop + 1]
+    counts = np.diff(offsets)
+    corners = grains.face_vertices[offsets[0] : offsets[-1]].astype(np.int64) + np.repeat(
+        grains.vertex_offsets[rows], counts
+    )
+    heads = 4 * (offsets[:-1] - offsets[0]) + 5 * np.arange(counts.size)
+    content = np.empty(4 * corners.size + 5 * counts.size, dtype=np.uint8)
+    content[heads] = counts
+    _put(content, heads + 4 * counts + 1, rows)
+    _put(content, 4 * np.arange(corners.size) + np.repeat(5 * np.arange(counts.size) + 1, counts), corners)
+    return content.tobytes()
+
+
+def _put(content: NDArray[np.uint8], places: NDArray[np.int64], values: NDArray[np.int64]) -> None:
+    """Write values as int32 at some places of the content."""
+    content[places[:, None] + np.arange(4)] = values.astype("<i4").view(np.uint8).reshape(-1, 4)
