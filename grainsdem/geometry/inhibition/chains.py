@@ -2,24 +2,31 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numba import njit
 
 from grainsdem.geometry.inhibition.grid import count_near, insert, remove
+
+if TYPE_CHECKING:
+    from grainsdem.geometry.inhibition.grid import Floats, Grid, Integers
 
 ALL = np.iinfo(np.int64).max
 """No limit to the count of near points."""
 
 
 @njit(cache=True)
-def fill(grid, links, points, n):
+def fill(grid: Grid, links: Integers, points: Floats, n: int) -> None:
     """Enter the first ``n`` points into an empty grid."""
     for k in range(n):
         insert(grid, links, points, k)
 
 
 @njit(cache=True)
-def move(grid, links, points, candidates, picks, chances, c):
+def move(
+    grid: Grid, links: Integers, points: Floats, candidates: Floats, picks: Floats, chances: Floats, c: float
+) -> None:
     """Try to move one point after another to a new place, their number kept.
 
     Parameters
@@ -51,7 +58,18 @@ def move(grid, links, points, candidates, picks, chances, c):
 
 
 @njit(cache=True)
-def bear_and_bury(grid, links, points, n, candidates, kinds, picks, chances, activity, c):
+def bear_and_bury(
+    grid: Grid,
+    links: Integers,
+    points: Floats,
+    n: int,
+    candidates: Floats,
+    kinds: Floats,
+    picks: Floats,
+    chances: Floats,
+    activity: float,
+    c: float,
+) -> int:
     """Try births and deaths in turn, with even chances.
 
     Parameters

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from grainsdem.model import Domain
 
     Floats = NDArray[np.float64]
+    Integers = NDArray[np.int64]
 
 LEAST_WRAPPED = 4
 """Cells along an axis that wraps: with fewer, what the distance reaches could be one cell twice, before and behind."""
@@ -39,8 +40,8 @@ class Grid(NamedTuple):
     lengths: Floats
     wraps: NDArray[np.bool_]
     distance: float
-    counts: NDArray[np.int64]
-    heads: NDArray[np.int64]
+    counts: Integers
+    heads: Integers
 
 
 def make_grid(domain: Domain, distance: float, n: int) -> Grid:
@@ -57,21 +58,21 @@ def make_grid(domain: Domain, distance: float, n: int) -> Grid:
 
 
 @njit(cache=True)
-def locate(grid, point, axis):
+def locate(grid: Grid, point: Floats, axis: int) -> Any:
     """Return the cell along one axis that a point lies in."""
     k = int((point[axis] - grid.lower[axis]) / grid.lengths[axis] * grid.counts[axis])
     return min(max(k, 0), grid.counts[axis] - 1)
 
 
 @njit(cache=True)
-def find_cell(grid, point):
+def find_cell(grid: Grid, point: Floats) -> Any:
     """Return the number of the cell that a point lies in."""
     i, j, k = locate(grid, point, 0), locate(grid, point, 1), locate(grid, point, 2)
     return (i * grid.counts[1] + j) * grid.counts[2] + k
 
 
 @njit(cache=True)
-def insert(grid, links, points, k):
+def insert(grid: Grid, links: Integers, points: Floats, k: int) -> None:
     """Put point k at the head of its cell's list."""
     cell = find_cell(grid, points[k])
     links[k] = grid.heads[cell]
@@ -79,7 +80,7 @@ def insert(grid, links, points, k):
 
 
 @njit(cache=True)
-def remove(grid, links, points, k):
+def remove(grid: Grid, links: Integers, points: Floats, k: int) -> None:
     """Take point k out of its cell's list."""
     cell = find_cell(grid, points[k])
     if grid.heads[cell] == k:
@@ -92,7 +93,7 @@ def remove(grid, links, points, k):
 
 
 @njit(cache=True)
-def search_range(grid, place, axis):
+def search_range(grid: Grid, place: Floats, axis: int) -> Any:
     """Return the first and last cell along one axis that the distance reaches; beyond the ends where the axis wraps."""
     count = grid.counts[axis]
     if count == 1:
@@ -107,7 +108,7 @@ def search_range(grid, place, axis):
 
 
 @njit(cache=True)
-def wrap(k, count):
+def wrap(k: int, count: int) -> Any:
     """Return the cell that is meant by one up to one count beyond an end."""
     if k < 0:
         return k + count
@@ -117,7 +118,7 @@ def wrap(k, count):
 
 
 @njit(cache=True)
-def count_near(grid, links, points, place, itself, most):
+def count_near(grid: Grid, links: Integers, points: Floats, place: Floats, itself: int, most: Any) -> Any:
     """Return how many points lie nearer to a place than the grid's distance, ``itself`` left out.
 
     The count stops where it exceeds ``most``. Along axes that wrap the nearest image counts.

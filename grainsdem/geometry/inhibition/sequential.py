@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from numba import njit
 
 from grainsdem.geometry.inhibition.grid import count_near, insert
 
+if TYPE_CHECKING:
+    from grainsdem.geometry.inhibition.grid import Floats, Grid, Integers
+
 
 @njit(cache=True)
-def admit(grid, links, points, n, candidates, most, refused, patience):
+def admit(
+    grid: Grid, links: Integers, points: Floats, n: int, candidates: Floats, most: Integers, refused: int, patience: int
+) -> tuple[int, int]:
     """Offer candidates in turn to the first ``n`` points, until ``points`` is full or patience ends.
 
     Parameters
