@@ -1,15 +1,17 @@
 from __future__ import annotations
 
-import csv
 import json
 
 import numpy as np
 import pytest
 from conftest import cube_packing
 
-from grainsdem.errors import FileFormatError, InputError, ShapeError, WriteError
-from grainsdem.measures import core_box, diameters, porosity, sphericities, summary, table, write_csv
+from grainsdem.errors import InputError, ShapeError
+from grainsdem.measures import core_box, diameters, neighbor_table, porosity, sphericities, summary, table
 from grainsdem.model import ContactGraph, Domain, Packing, Polyhedra
+from grainsdem.packing import carve, shrink
+from grainsdem.points import poisson
+from grainsdem.tessellation import tessellate
 
 
 def graph(n, pairs):
@@ -20,9 +22,12 @@ def graph(n, pairs):
 @pytest.mark.unit
 def test_the_table_of_a_cube_says_what_a_cube_is():
     row = table(cube_packing([[1, 2, 3]], density=2650.0))[0]
-    assert row.tolist() == pytest.approx(
-        (0, 1, 2, 3, 8, 24, np.cbrt(48 / np.pi), np.cbrt(np.pi / 6), 6, 8, 8 * 2650.0), rel=1e-14
+    axis = 2 * np.sqrt(5 / 3)
+    assert row.tolist()[:-1] == pytest.approx(
+        (0, 1, 2, 3, 8, 24, np.cbrt(48 / np.pi), np.cbrt(np.pi / 6), 6, 8, 8 * 2650.0, *[axis] * 3, *[2] * 4, 1, 1, 1),
+        rel=1e-14,
     )
+    assert row["zingg"] == "spheroid"
 
 
 @pytest.mark.unit
@@ -81,20 +86,66 @@ def test_an_empty_packing_has_a_table_without_rows_and_no_summary():
 
 
 @pytest.mark.unit
-def test_a_table_written_as_csv_reads_back_digit_for_digit(fresh, tmp_path):
-    rows = table(fresh)
-    path = write_csv(rows, tmp_path / "grains.csv")
-    with path.open(encoding="utf-8", newline="") as file:
-        header, *lines = csv.reader(file)
-    assert tuple(header) == rows.dtype.names
-    back = np.array([tuple(line) for line in lines], dtype=rows.dtype)
-    np.testing.assert_array_equal(back, rows)
-    assert [p.name for p in tmp_path.iterdir()] == ["grains.csv"]
+def test_cells_of_a_cubic_lattice_have_six_neighbours_a_pitch_away_across_the_boundaries_too():
+    domain = Domain.cube(3.0, periodic=True)
+    packing = shrink(carve(tessellate(np.array(list(np.ndindex(3, 3, 3)), float) + 0.5, domain)), scale=0.8)
+    rows = table(packing)
+    assert set(rows["n_neighbors"]) == {6}
+    np.testing.assert_allclose(rows["mean_distance"], 1.0, rtol=1e-12)
+    np.testing.assert_allclose(rows["min_distance"], 1.0, rtol=1e-12)
+    edges = neighbor_table(packing)
+    assert len(edges) == 27 * 6
+    np.testing.assert_allclose(edges["area"], 0.64, rtol=1e-12)
+    moved = np.stack([edges[f"shift_{axis}"] for axis in "xyz"], axis=1)
+    assert np.abs(moved).sum() == 2 * 27  # nine cells on each of six faces of the box
 
 
 @pytest.mark.unit
-def test_a_table_is_written_as_csv_only_and_only_where_one_can_write(fresh, tmp_path):
-    with pytest.raises(FileFormatError, match=r"written as .csv; got '.xlsx'"):
-        write_csv(table(fresh), tmp_path / "grains.xlsx")
-    with pytest.raises(WriteError, match="cannot be written"):
-        write_csv(table(fresh), tmp_path / "nowhere" / "grains.csv")
+def test_neighbours_are_those_that_share_a_ridge_of_scipys_diagram():
+    from scipy.spatial import Voronoi
+
+    domain = Domain.cube()
+    seeds = poisson(domain, 60, rng=8)
+    packing = carve(tessellate(seeds, domain), keep="all")
+    edges = neighbor_table(packing)
+    # Ridges outside the box are scipy's alone: those of ours are cut out of its.
+    ridges = {frozenset(pair) for pair in Voronoi(seeds).ridge_points.tolist()}
+    ours = {frozenset(pair) for pair in zip(edges["i"].tolist(), edges["j"].tolist(), strict=True)}
+    assert ours <= ridges
+    assert len(edges) == 2 * len(ours)
+    apart = np.linalg.norm(packing.positions[edges["i"]] - packing.positions[edges["j"]], axis=1)
+    np.testing.assert_allclose(edges["distance"], apart, rtol=1e-12)
+    for grain, row in enumerate(table(packing)):
+        mine = apart[edges["i"] == grain]
+        assert (row["n_neighbors"], row["min_distance"]) == (len(mine), pytest.approx(mine.min()))
+        assert row["mean_distance"] == pytest.approx(mine.mean())
+
+
+@pytest.mark.unit
+def test_grains_that_left_their_cells_have_no_neighbour_columns_and_no_neighbour_table(poured):
+    assert {"n_neighbors", "mean_distance", "min_distance"}.isdisjoint(table(poured).dtype.names)
+    with pytest.raises(InputError, match="lost the cells"):
+        neighbor_table(poured)
+
+
+@pytest.mark.unit
+def test_a_grain_without_neighbours_is_at_no_distance_from_them():
+    lone = carve(tessellate([[0.5, 0.5, 0.5]], Domain.cube()), keep="all")
+    row = table(lone)[0]
+    assert row["n_neighbors"] == len(neighbor_table(lone)) == 0
+    assert np.isnan([row["mean_distance"], row["min_distance"]]).all()
+
+
+@pytest.mark.unit
+def test_in_a_planar_bed_sizes_and_axes_are_those_in_the_plane():
+    domain = Domain.slab((4.0, 2.0), 0.3)
+    bed = carve(tessellate(np.array([[1.0, 1.0], [3.0, 1.0]]), domain), keep="all")  # two squares of edge 2
+    rows = table(bed)
+    assert {"c", "box_c", "flatness", "krumbein", "zingg"}.isdisjoint(rows.dtype.names)
+    np.testing.assert_allclose(rows["diameter"], 4 / np.sqrt(np.pi), rtol=1e-12)
+    np.testing.assert_allclose(rows["sphericity"], np.sqrt(np.pi) / 2, rtol=1e-12)
+    # The ellipse of equal second moments: ∫x² dA / A = s² / 12 = a² / 16.
+    np.testing.assert_allclose([rows["a"], rows["b"]], 4 / np.sqrt(3), rtol=1e-12)
+    np.testing.assert_allclose([rows["box_a"], rows["box_b"], rows["sieve_diameter"]], 2.0, rtol=1e-12)
+    long = table(carve(tessellate(np.array([[2.0, 0.5], [2.0, 1.5]]), domain), keep="all"))
+    np.testing.assert_allclose(long["elongation"], 0.25, rtol=1e-12)

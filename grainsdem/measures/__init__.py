@@ -1,6 +1,21 @@
 """What sedimentologists and DEM people ask of a packing: sizes, shapes, porosity, contacts, fabric, tables."""
 
-from grainsdem.measures.grains import diameters, masses, percentiles, sphericities, summary, table, write_csv
+from grainsdem.measures.grains import (
+    box_axes,
+    diameters,
+    ellipsoid_axes,
+    krumbein,
+    masses,
+    neighbor_table,
+    percentiles,
+    sphericities,
+    summary,
+    table,
+    to_pandas,
+    write_csv,
+    write_table,
+    zingg,
+)
 from grainsdem.measures.graph import (
     anisotropy,
     branch_vectors,
@@ -16,21 +31,28 @@ from grainsdem.measures.porosity import core_box, porosity
 
 __all__ = [
     "anisotropy",
+    "box_axes",
     "branch_vectors",
     "components",
     "coordination_curve",
     "core_box",
     "degree_distribution",
     "diameters",
+    "ellipsoid_axes",
     "fabric_tensor",
+    "krumbein",
     "masses",
     "mean_coordination",
+    "neighbor_table",
     "percentiles",
     "porosity",
     "rattlers",
     "sphericities",
     "summary",
     "table",
+    "to_pandas",
     "write_csv",
     "write_edges",
+    "write_table",
+    "zingg",
 ]

@@ -1,15 +1,23 @@
 """What is measured grain by grain: sizes, shapes, and all of it as one table."""
 
-from grainsdem.measures.grains.shapes import sphericities
+from grainsdem.measures.grains.files import to_pandas, write_csv, write_table
+from grainsdem.measures.grains.shapes import box_axes, ellipsoid_axes, krumbein, sphericities, zingg
 from grainsdem.measures.grains.sizes import diameters, masses, percentiles
-from grainsdem.measures.grains.tables import summary, table, write_csv
+from grainsdem.measures.grains.tables import neighbor_table, summary, table
 
 __all__ = [
+    "box_axes",
     "diameters",
+    "ellipsoid_axes",
+    "krumbein",
     "masses",
+    "neighbor_table",
     "percentiles",
     "sphericities",
     "summary",
     "table",
+    "to_pandas",
     "write_csv",
+    "write_table",
+    "zingg",
 ]

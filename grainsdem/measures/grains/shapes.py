@@ -1,10 +1,14 @@
-"""What form grains have.
+"""What form grains have: sphericity, axes, and the class that their proportions put them in.
 
 References
 ----------
 .. [1] H. Wadell, "Volume, shape, and roundness of quartz particles", J. Geology 43 (1935) 250-280.
 .. [2] D. Buscombe and D. M. Rubin, "Advances in the simulation and automated measurement of well-sorted
    granular material: 1. Simulation", J. Geophys. Res. 117 (2012) F02001, equation 4.
+.. [3] W. C. Krumbein, "Measurement and geological significance of shape and roundness of sedimentary particles",
+   J. Sedimentary Petrology 11 (1941) 64-72.
+.. [4] Th. Zingg, "Beitrag zur Schotteranalyse", Schweizerische Mineralogische und Petrographische Mitteilungen 15
+   (1935) 39-140.
 """
 
 from __future__ import annotations
@@ -13,15 +17,27 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from grainsdem.errors import InputError, ShapeError, name_offenders
+from grainsdem.geometry.forms.boxes import boxes_on_faces
+from grainsdem.geometry.forms.sizes import wadell
 from grainsdem.geometry.integrals import integrate
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
+    from grainsdem.geometry.integrals import Integrals
     from grainsdem.model import Polyhedra
 
+    Floats = NDArray[np.float64]
 
-def sphericities(grains: Polyhedra) -> NDArray[np.float64]:
+ZINGG_BOUND = 2 / 3
+"""Ratio of axes that parts Zingg's classes."""
+
+ZINGG_CLASSES = ("blade", "rod", "disc", "spheroid")
+"""Zingg's classes: neither ratio above the bound, c/b alone, b/a alone, both."""
+
+
+def sphericities(grains: Polyhedra) -> Floats:
     """Return Wadell's sphericity of each grain, shape (n,): surface of the equal-volume sphere over its own.
 
     Notes
@@ -32,7 +48,64 @@ def sphericities(grains: Polyhedra) -> NDArray[np.float64]:
     return wadell(measured.volumes, measured.areas)
 
 
-def wadell(volumes: NDArray[np.float64], areas: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return Wadell's sphericity from volumes [m³] and surface areas [m²]."""
-    result: NDArray[np.float64] = np.cbrt(np.pi) * np.cbrt(6 * volumes) ** 2 / areas
-    return result
+def ellipsoid_axes(grains: Polyhedra, *, measured: Integrals | None = None) -> Floats:
+    """Return the axes [m] a >= b >= c, shape (n, 3), of the ellipsoid that turns like each grain.
+
+    Parameters
+    ----------
+    grains : Polyhedra
+        Closed polyhedra.
+    measured : Integrals, optional
+        What `integrate` returned for them, where it is known already.
+
+    Notes
+    -----
+    Full lengths along the principal axes of inertia, of the ellipsoid with the grain's moments of inertia a mass:
+    a_k = 2 √(5 ∫x_k² dV / V). A ball has its diameter three times; a cube of edge s has s √(5/3).
+    """
+    found = measured or integrate(grains)
+    moments = np.linalg.eigvalsh(found.inertias)  # rising: the longest axis has the least moment
+    squares = 0.5 * moments.sum(axis=1, keepdims=True) - moments
+    return np.asarray(2 * np.sqrt(5 * np.maximum(squares, 0.0) / found.volumes[:, None]))
+
+
+def box_axes(grains: Polyhedra) -> Floats:
+    """Return the edges [m] a >= b >= c, shape (n, 3), of each grain's smallest box with a side on one of its faces.
+
+    Notes
+    -----
+    The caliper axes of sedimentology; b is the sieve diameter, since a grain that turns its longest axis upward passes
+    a square opening of that width. Another box, that only edges of the grain lie on, may be smaller still, as the cube
+    around a regular tetrahedron is.
+    """
+    return boxes_on_faces(grains)
+
+
+def krumbein(axes: ArrayLike) -> Floats:
+    """Return Krumbein's intercept sphericity (b c / a²)^(1/3), shape (n,), of axes a >= b >= c, shape (n, 3)."""
+    a, b, c = _checked(axes).T
+    return np.asarray(np.cbrt(b * c / a**2))
+
+
+def zingg(axes: ArrayLike) -> NDArray[np.str_]:
+    """Return the Zingg class of axes a >= b >= c, shape (n, 3): one of `ZINGG_CLASSES` a grain, empty for NaN.
+
+    Examples
+    --------
+    >>> zingg([[3.0, 1.0, 0.9], [3.0, 2.9, 1.0]]).tolist()
+    ['rod', 'disc']
+    """
+    a, b, c = _checked(axes).T
+    classes = np.array(ZINGG_CLASSES)[2 * (b / a > ZINGG_BOUND) + 1 * (c / b > ZINGG_BOUND)]
+    return np.where(np.isnan(a), "", classes)
+
+
+def _checked(axes: ArrayLike) -> Floats:
+    found = np.asarray(axes, dtype=np.float64)
+    if found.ndim != 2 or found.shape[1] != 3:
+        raise ShapeError(f"axes must have shape (n, 3); got {found.shape}")
+    falling = (found[:, 0] >= found[:, 1]) & (found[:, 1] >= found[:, 2]) & (found[:, 2] > 0)
+    bad = np.flatnonzero(~falling & ~np.isnan(found).any(axis=1))
+    if bad.size:
+        raise InputError(f"axes must be a >= b >= c > 0; {bad.size} rows are not: {name_offenders(bad)}")
+    return found

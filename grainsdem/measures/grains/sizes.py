@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.errors import InputError, ShapeError
+from grainsdem.geometry.forms.sizes import sphere_diameters, weighted_percentiles
 from grainsdem.geometry.integrals import volumes
 
 if TYPE_CHECKING:
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 
 def diameters(grains: Polyhedra) -> NDArray[np.float64]:
     """Return the diameter [m] of the sphere of each grain's volume, (6 V / π)^(1/3), shape (n,)."""
-    return np.cbrt(6 * volumes(grains) / np.pi)
+    return sphere_diameters(volumes(grains))
 
 
 def masses(packing: Packing) -> NDArray[np.float64]:
@@ -77,8 +78,4 @@ def percentiles(values: ArrayLike, q: ArrayLike, *, weights: ArrayLike | None = 
         raise InputError(f"weights must be finite, zero or more, and not all zero; the least is {float(w.min())}")
     if not ((percentages >= 0) & (percentages <= 100)).all():
         raise InputError(f"percentages must lie in [0, 100]; got {percentages.tolist()}")
-    order = np.lexsort((w, x))  # equal values by their weight: the order they are given in must not matter
-    order = order[w[order] > 0]  # a grain that counts for nothing must not bend the curve
-    x, w = x[order], w[order]
-    running = np.cumsum(w)
-    return np.asarray(np.interp(percentages, 100 * (running - 0.5 * w) / running[-1], x))
+    return weighted_percentiles(x, percentages, w)

@@ -1,44 +1,37 @@
-"""Every grain's measures as one table, and a bed's in one dictionary."""
+"""Every grain's measures as one table, its neighbours as another, and a bed's in one dictionary."""
 
 from __future__ import annotations
 
-import csv
-import io
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from grainsdem.atomic import replacing
-from grainsdem.errors import FileFormatError, InputError, ShapeError
-from grainsdem.geometry.integrals import integrate
-from grainsdem.measures.grains.shapes import wadell
+from grainsdem.errors import InputError, ShapeError
+from grainsdem.geometry.forms.boxes import rectangles
+from grainsdem.geometry.forms.sizes import grain_diameters, grain_sphericities
+from grainsdem.geometry.integrals import face_planes, integrate
+from grainsdem.geometry.rotations import to_matrices, world_vertices
+from grainsdem.measures.grains.shapes import box_axes, ellipsoid_axes, krumbein, zingg
 from grainsdem.measures.grains.sizes import percentiles
 from grainsdem.measures.porosity import core_box, porosity
+from grainsdem.ragged import owners
 
 if TYPE_CHECKING:
-    import os
-    from pathlib import Path
-
     from numpy.typing import NDArray
 
+    from grainsdem.geometry.integrals import Integrals
     from grainsdem.model import ContactGraph, Packing
 
-COLUMNS = np.dtype(
-    [
-        ("id", np.int32),
-        ("x", np.float64),
-        ("y", np.float64),
-        ("z", np.float64),
-        ("volume", np.float64),
-        ("area", np.float64),
-        ("diameter", np.float64),
-        ("sphericity", np.float64),
-        ("n_faces", np.int32),
-        ("n_vertices", np.int32),
-        ("mass", np.float64),
-    ]
-)
-"""Columns of `table`: centroid x, y, z [m], volume [m³], area [m²], equal-volume diameter [m], mass [kg]."""
+    Columns = dict[str, NDArray[Any]]
+
+UNITS = {
+    **dict.fromkeys(("x", "y", "z", "diameter", "a", "b", "c", "box_a", "box_b", "box_c", "sieve_diameter"), "m"),
+    **dict.fromkeys(("mean_distance", "min_distance", "distance"), "m"),
+    "area": "m2",
+    "volume": "m3",
+    "mass": "kg",
+}
+"""Unit of each column of `table` and `neighbor_table` that has one."""
 
 
 def table(packing: Packing) -> NDArray[np.void]:
@@ -52,21 +45,61 @@ def table(packing: Packing) -> NDArray[np.void]:
     Returns
     -------
     structured ndarray, shape (n,)
-        Columns as in `COLUMNS`, SI units.
+        ``id``; centroid ``x``, ``y``, ``z`` [m]; ``volume`` [m³]; ``area`` [m²]; ``diameter`` [m] of the sphere of
+        equal volume; Wadell's ``sphericity``; ``n_faces``; ``n_vertices``; ``mass`` [kg]; axes ``a``, ``b``, ``c`` [m]
+        of the ellipsoid of equal inertia (`ellipsoid_axes`) and ``box_a``, ``box_b``, ``box_c`` [m] of the smallest box
+        on a face (`box_axes`); and from that box ``sieve_diameter`` [m], its b, Krumbein's sphericity ``krumbein``,
+        ``elongation`` b/a, ``flatness`` c/b and the class ``zingg``.
+
+        While a packing knows its cells also ``n_neighbors``, the grains across its faces, and ``mean_distance`` and
+        ``min_distance`` [m] from centroid to centroid of those, NaN without any; else these columns are missing.
+
+        In a planar bed ``diameter`` is that of the circle of equal area, ``sphericity`` that circle's perimeter over
+        the grain's own, the axes a and b are those in the plane, and what needs a third is missing.
     """
     measured = integrate(packing.grains)
-    rows = np.zeros(len(packing), dtype=COLUMNS)
-    rows["id"] = np.arange(len(packing))
-    for k, axis in enumerate("xyz"):
-        rows[axis] = packing.positions[:, k]
-    rows["volume"] = measured.volumes
-    rows["area"] = measured.areas
-    rows["diameter"] = np.cbrt(6 * measured.volumes / np.pi)
-    rows["sphericity"] = wadell(measured.volumes, measured.areas)
-    rows["n_faces"] = np.diff(packing.grains.face_offsets)
-    rows["n_vertices"] = np.diff(packing.grains.vertex_offsets)
-    rows["mass"] = packing.densities * measured.volumes
-    return rows
+    columns: Columns = {"id": np.arange(len(packing), dtype=np.int32)}
+    columns |= {axis: packing.positions[:, k] for k, axis in enumerate("xyz")}
+    columns["volume"] = measured.volumes
+    columns["area"] = measured.areas
+    columns["diameter"] = grain_diameters(packing, measured)
+    columns["sphericity"] = grain_sphericities(packing, measured)
+    columns["n_faces"] = np.diff(packing.grains.face_offsets).astype(np.int32)
+    columns["n_vertices"] = np.diff(packing.grains.vertex_offsets).astype(np.int32)
+    columns["mass"] = packing.densities * measured.volumes
+    columns |= _axes(packing, measured)
+    if packing.links is not None:
+        columns |= _neighborhood(packing)
+    return _joined(columns)
+
+
+def neighbor_table(packing: Packing) -> NDArray[np.void]:
+    """Return one row for each grain across a face of each grain: who grew beside whom, and how far they are.
+
+    Parameters
+    ----------
+    packing : Packing
+        Grains that know their cells.
+
+    Returns
+    -------
+    structured ndarray, shape (m,)
+        ``i`` and its neighbour ``j``; ``distance`` [m] from centroid to centroid; ``area`` [m²] of the face of i;
+        ``shift_x``, ``shift_y``, ``shift_z``, the periodic image of j that is meant, in whole domain lengths. Rows are
+        in the order of the grains and of their faces; each pair stands there twice, once from either side.
+
+    Raises
+    ------
+    InputError
+        If the packing has lost its cells, as one does that was shuffled or settled.
+    """
+    if packing.links is None:
+        raise InputError("the packing has lost the cells that it grew in, and with them its neighbours; see contacts")
+    faces, i, j = _across(packing)
+    columns: Columns = {"i": i, "j": j, "distance": _distances(packing, faces, i, j)}
+    columns["area"] = face_planes(packing.grains).areas[faces]
+    columns |= {f"shift_{axis}": packing.links.shifts[faces, k] for k, axis in enumerate("xyz")}
+    return _joined(columns)
 
 
 def summary(packing: Packing, graph: ContactGraph | None = None) -> dict[str, Any]:
@@ -118,40 +151,67 @@ def summary(packing: Packing, graph: ContactGraph | None = None) -> dict[str, An
     }
 
 
-def write_csv(rows: NDArray[np.void], path: str | os.PathLike[str]) -> Path:
-    """Write a table, or any structured array, as CSV: a header of column names, then one line a row.
+def _axes(packing: Packing, measured: Integrals) -> Columns:
+    """Return the columns of axes and what follows from their proportions."""
+    if packing.domain.is_planar:
+        return _axes_in_plane(packing, measured)
+    columns = dict(zip("abc", ellipsoid_axes(packing.grains, measured=measured).T, strict=True))
+    box = box_axes(packing.grains)
+    a, b, c = box.T
+    columns |= {"box_a": a, "box_b": b, "box_c": c, "sieve_diameter": b, "krumbein": krumbein(box)}
+    return columns | {"elongation": b / a, "flatness": c / b, "zingg": zingg(box)}
 
-    Parameters
-    ----------
-    rows : structured ndarray, shape (n,)
-        What `table` returns.
-    path : str or path-like
-        Ends in ``.csv``.
 
-    Returns
-    -------
-    pathlib.Path
-        The file. Numbers keep every digit.
+def _axes_in_plane(packing: Packing, measured: Integrals) -> Columns:
+    """Return the axes of the ellipse of equal inertia and of the smallest rectangle, in a planar bed."""
+    turns = to_matrices(packing.quaternions)
+    inertias = turns @ measured.inertias @ turns.swapaxes(1, 2)
+    # ∫ p_i p_j dV from the inertia tensor, for the two axes of the plane.
+    half = 0.5 * np.trace(inertias, axis1=1, axis2=2)
+    seconds = half[:, None, None] * np.eye(2) - inertias[:, :2, :2]
+    squares = np.linalg.eigvalsh(seconds)[:, ::-1]
+    a, b = 4 * np.sqrt(np.maximum(squares, 0.0) / measured.volumes[:, None]).T
+    box_a, box_b = rectangles(world_vertices(packing)[:, :2], packing.grains.vertex_offsets).T
+    return {"a": a, "b": b, "box_a": box_a, "box_b": box_b, "sieve_diameter": box_b, "elongation": box_b / box_a}
 
-    Raises
-    ------
-    FileFormatError
-        If the suffix is another.
-    WriteError
-        If it cannot be written.
-    """
-    from pathlib import Path  # noqa: PLC0415  (a type elsewhere in this module)
 
-    target = Path(path)
-    if target.suffix.lower() != ".csv":
-        raise FileFormatError(f"{target}: a table is written as .csv; got {target.suffix or 'no suffix'!r}")
-    text = io.StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(rows.dtype.names or ())
-    writer.writerows(rows.tolist())
-    with replacing(target) as temporary:
-        temporary.write_text(text.getvalue(), encoding="utf-8", newline="")
-    return target
+def _across(packing: Packing) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.int32]]:
+    """Return the faces that another grain lies behind, the grain of each, and the one behind it."""
+    assert packing.links is not None  # noqa: S101  (its callers know)
+    faces = np.flatnonzero(packing.links.neighbors >= 0)
+    return faces, owners(packing.grains.face_offsets)[faces].astype(np.int32), packing.links.neighbors[faces]
+
+
+def _distances(
+    packing: Packing, faces: NDArray[np.int64], i: NDArray[np.int32], j: NDArray[np.int32]
+) -> NDArray[np.float64]:
+    """Return the distances [m] of centroids across faces."""
+    assert packing.links is not None  # noqa: S101  (its callers know)
+    apart = packing.positions[j] - packing.positions[i] + packing.links.shifts[faces] * packing.domain.lengths
+    return np.asarray(np.sqrt(np.einsum("mk,mk->m", apart, apart)))
+
+
+def _neighborhood(packing: Packing) -> Columns:
+    """Return how many neighbours each grain has, and how far they are."""
+    faces, i, j = _across(packing)
+    distances = _distances(packing, faces, i, j)
+    counts = np.bincount(i, minlength=len(packing))
+    has_any = counts > 0
+    mean, least = np.full((2, len(packing)), np.nan)
+    if distances.size:
+        starts = np.searchsorted(i, np.flatnonzero(has_any))
+        least[has_any] = np.minimum.reduceat(distances, starts)
+        mean[has_any] = np.add.reduceat(distances, starts) / counts[has_any]
+    return {"n_neighbors": counts.astype(np.int32), "mean_distance": mean, "min_distance": least}
+
+
+def _joined(columns: Columns) -> NDArray[np.void]:
+    """Return columns of equal length as one structured array."""
+    n = len(next(iter(columns.values())))
+    rows = np.empty(n, dtype=[(name, values.dtype) for name, values in columns.items()])
+    for name, values in columns.items():
+        rows[name] = values
+    return rows
 
 
 def _void(packing: Packing) -> dict[str, Any]:
