@@ -1,0 +1,107 @@
+"""A cell of six smooth walls that press and move: four in planar work."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from grainsdem.dynamics.experiments.rig import Meter
+from grainsdem.geometry.rotations import world_vertices
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from exporters.mjcf import GrainUnits
+    from grainsdem.dynamics.engine import Apparatus, Engine
+    from grainsdem.model import Packing
+
+    Floats = NDArray[np.float64]
+
+LIMIT_SPEED = 1.0
+"""Speed [d/t] that a wall reaches against nothing; grains that were set apart are gathered no faster."""
+
+
+DRIVEN = 10.0
+"""How much heavier than the others driven walls are: they keep their speed, and still can gather the grains."""
+
+
+class Cell:
+    """Walls around a packing, each on a joint of its own along its outward normal.
+
+    Parameters
+    ----------
+    packing : Packing
+        What is in it: the walls begin where the grains end, or where its domain does if that is nearer.
+    units : GrainUnits
+        Factors to SI.
+    driven : int, optional
+        Axis whose two walls are driven later on, and are heavy.
+    """
+
+    def __init__(self, packing: Packing, units: GrainUnits, *, driven: int) -> None:
+        self.axes = (0, 1) if packing.domain.is_planar else (0, 1, 2)
+        corners = world_vertices(packing)
+        lower, upper = corners.min(axis=0), corners.max(axis=0)
+        if packing.domain.is_planar:
+            lower[2], upper[2] = packing.domain.lower[2], packing.domain.upper[2]
+        self.lower, self.upper = lower / units.length, upper / units.length
+        self.driven = driven
+        self.names = tuple(f"{'xyz'[axis]}{side}" for axis in self.axes for side in (0, 1))
+        lengths = self.upper - self.lower
+        # A quarter of a layer of grains: light beside the bed, and not so light as to flutter.
+        light = 0.25 * float(np.prod(lengths) / lengths.max())
+        self.masses = {name: light * (DRIVEN if name[0] == "xyz"[driven] else 1.0) for name in self.names}
+
+    def furnish(self, apparatus: Apparatus) -> None:
+        """Add the walls to a model, without gravity."""
+        apparatus.set_gravity((0.0, 0.0, 0.0))
+        middle, reach = 0.5 * (self.lower + self.upper), float((self.upper - self.lower).max())
+        for axis in self.axes:
+            for side in (0, 1):
+                outward = np.zeros(3)
+                outward[axis] = 2 * side - 1
+                position = middle.copy()
+                position[axis] = (self.lower, self.upper)[side][axis]
+                name = f"{'xyz'[axis]}{side}"
+                body = apparatus.add_body(name, position, [(name, "slide", outward)], mass=self.masses[name])
+                # Wider than the sample may ever be; walls pass through each other.
+                half = np.full(3, reach)
+                half[axis] = 1.0
+                apparatus.add_shape(body, name, "box", half, position=outward)
+
+    def meter(self, engine: Engine) -> Meter:
+        """Return what pushes the walls."""
+        return Meter(engine, self.masses)
+
+    def lengths(self, engine: Engine) -> Floats:
+        """Return the sides [d] of the sample now, shape (3,)."""
+        sides = self.upper - self.lower
+        for axis in self.axes:
+            sides[axis] += sum(engine.axle(f"{'xyz'[axis]}{side}")[0] for side in (0, 1))
+        return np.asarray(sides)
+
+    def bounds(self, engine: Engine) -> tuple[Floats, Floats]:
+        """Return the corners [d] of the sample now, each of shape (3,)."""
+        lower, upper = self.lower.copy(), self.upper.copy()
+        for axis in self.axes:
+            lower[axis] -= engine.axle(f"{'xyz'[axis]}0")[0]
+            upper[axis] += engine.axle(f"{'xyz'[axis]}1")[0]
+        return lower, upper
+
+    def hold(self, meter: Meter, engine: Engine, axes: tuple[int, ...], *, limit_speed: float = np.inf) -> None:
+        """Push the walls across some axes inward with a pressure of one, less where they move."""
+        lengths = self.lengths(engine)
+        for axis in axes:
+            area = float(np.prod(lengths) / lengths[axis])
+            for side in (0, 1):
+                name = f"{'xyz'[axis]}{side}"
+                meter.push(name, -area * (1.0 + engine.axle(name)[1] / limit_speed))
+
+    def pressures(self, forces: dict[str, float], lengths: Floats) -> Floats:
+        """Return the pressure [P] on the walls across each axis, the mean of the two, shape (3,); NaN for no walls."""
+        result = np.full(3, np.nan)
+        for axis in self.axes:
+            area = float(np.prod(lengths) / lengths[axis])
+            result[axis] = 0.5 * sum(forces[f"{'xyz'[axis]}{side}"] for side in (0, 1)) / area
+        return result

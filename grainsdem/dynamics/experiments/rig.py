@@ -1,0 +1,236 @@
+"""What every experiment stands on: its units, its loop, what it gives back, and parts that are pushed or driven."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+import numpy as np
+
+from exporters import mjcf
+from grainsdem.dynamics.engine import Apparatus
+from grainsdem.dynamics.loop import Loop, Record
+from grainsdem.dynamics.mechanics import energies
+from grainsdem.dynamics.scene import Scene, refuse_overlap, refuse_periodic, scene_of
+from grainsdem.dynamics.watch import TroubleError, refuse_broken
+from grainsdem.errors import InputError, name_offenders
+from grainsdem.geometry.integrals import volumes
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from numpy.typing import NDArray
+
+    from exporters.mjcf import MjcfOptions
+    from grainsdem.dynamics.engine import Engine
+    from grainsdem.dynamics.mechanics import Snapshot
+    from grainsdem.model import Packing
+
+    Tell = Callable[[float, str], None]
+
+HEAVY = 1e4
+"""Mass [m] or inertia [m d²] of a driven part: grains change its speed by dt F / 1e4, a thousandth of a usual one."""
+
+RUNAWAY = 10.0
+"""Mean kinetic energy of a grain [P d³] that no loading at these rates gives: the run has gone wrong."""
+
+Report = TypeVar("Report")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outcome(Generic[Report]):
+    """What an experiment gives back.
+
+    Parameters
+    ----------
+    packing : Packing
+        The grains where they were at its end.
+    history : dict of ndarray
+        Series over time, in SI.
+    report : dataclass
+        What was measured; ``to_dict()`` gives it as JSON values.
+    snapshot : Snapshot
+        The last instant, that everything in `grainsdem.dynamics.mechanics` is a function of.
+    profile : dict of ndarray
+        What was measured along a line, in SI; empty where an experiment measures no such thing.
+    """
+
+    packing: Packing
+    history: dict[str, NDArray[Any]]
+    report: Report
+    snapshot: Snapshot
+    profile: dict[str, NDArray[np.float64]]
+
+
+class JsonReport:
+    """A report that can be told as JSON values."""
+
+    __slots__ = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the report as JSON values; a number that was not measured is null."""
+        values: dict[str, Any] = asdict(self)  # type: ignore[call-overload]  # every subclass is a dataclass
+        return {k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in values.items()}
+
+
+def pressure_gravity(packing: Packing, pressure: float) -> float:
+    """Return the acceleration [m/s²] that makes ``pressure`` [Pa] the unit: P = ρ g d."""
+    units = mjcf.units(packing, 1.0)
+    return pressure / (units.density * units.length)
+
+
+def check_ranges(**values: float) -> None:
+    """Raise `InputError` unless each number is positive and finite."""
+    for name, value in values.items():
+        if not (np.isfinite(value) and value > 0):
+            raise InputError(f"{name} must be positive and finite; got {value}")
+
+
+def check_frictions(**values: float | None) -> None:
+    """Raise `InputError` unless each coefficient is zero or more, or not given."""
+    for name, value in values.items():
+        if value is not None and not (np.isfinite(value) and value >= 0):
+            raise InputError(f"{name} must be zero or more; got {value}")
+
+
+class Meter:
+    """Parts of an apparatus that are pushed or driven along joints, and the mean forces of the grains on them.
+
+    What the grains exert over a while follows from the momentum that a part has gained and from what it was pushed
+    with: exactly what the run had, whatever the solver left undone in a single step.
+
+    Parameters
+    ----------
+    engine : Engine
+        What moves them.
+    masses : mapping of str to float
+        Mass of the part on each joint, or its inertia about it.
+    """
+
+    def __init__(self, engine: Engine, masses: Mapping[str, float]) -> None:
+        self._engine = engine
+        self._masses = dict(masses)
+        self._impulses = dict.fromkeys(masses, 0.0)
+        self._since: tuple[float, dict[str, float]] | None = None
+        self.last = dict.fromkeys(masses, 0.0)
+
+    def push(self, joint: str, force: float) -> None:
+        """Let a force act along a joint during the next step."""
+        if self._since is None:
+            self._since = self._engine.time, {name: self._engine.axle(name)[1] for name in self._masses}
+        self._engine.push(joint, force)
+        self._impulses[joint] += force * self._engine.time_step
+
+    def drive(self, joint: str, speed: float) -> None:
+        """Push a part so that it has a speed after the next step, where grains resist as at the last reading."""
+        change = (speed - self._engine.axle(joint)[1]) / self._engine.time_step
+        self.push(joint, self._masses[joint] * change - self.last[joint])
+
+    def read(self) -> dict[str, float]:
+        """Return the grains' mean force along each joint since the last reading, and begin anew."""
+        if self._since is None:
+            return self.last
+        start, speeds = self._since
+        elapsed = self._engine.time - start
+        self.last = {
+            name: (mass * (self._engine.axle(name)[1] - speeds[name]) - self._impulses[name]) / elapsed
+            for name, mass in self._masses.items()
+        }
+        self.forget(self.last)
+        return self.last
+
+    def forget(self, last: Mapping[str, float]) -> None:
+        """Begin anew, as after a reading of some forces."""
+        self._since, self.last = None, dict(last)
+        self._impulses = dict.fromkeys(self._masses, 0.0)
+
+
+class Trial(Loop):
+    """A run under an apparatus: broken states, runaway energies and grains that got out are trouble.
+
+    Parameters
+    ----------
+    scene : Scene
+        What moves.
+    record : Record
+        What is kept while it goes.
+    meter : Meter
+        The parts that are pushed.
+    tell : callable, optional
+        Called with the fraction done and a few words at every sample.
+    """
+
+    is_driven = True
+
+    def __init__(self, scene: Scene, record: Record, meter: Meter, tell: Tell | None) -> None:
+        super().__init__(scene, record)
+        self.meter = meter
+        self.tell = tell or (lambda _fraction, _words: None)
+
+    def outside(self) -> NDArray[np.float64]:
+        """Return how far [d] each centroid is outside what should hold it, shape (n,)."""
+        raise NotImplementedError
+
+    def kinetic_energy(self, now: Snapshot) -> float:
+        """Return the mean kinetic energy of a grain that is not glued, over that of the units."""
+        found, n_loose = energies(now), int((~now.is_glued).sum())
+        return (found.translation + found.rotation) / n_loose / self.scene.units.energy
+
+    def check(self, now: Any) -> None:
+        """Raise `TroubleError` where something is wrong with the present state."""
+        refuse_broken(self.scene)
+        if not all(np.isfinite(value) for value in now):
+            raise TroubleError("a measurement that is not finite")
+        if now.kinetic_energy > RUNAWAY:
+            raise TroubleError(f"a mean kinetic energy of {now.kinetic_energy:.3g} P d³ a grain")
+        escaped = np.flatnonzero(self.outside() > 1.0)
+        if escaped.size:
+            raise TroubleError(f"{escaped.size} grains left the apparatus: {name_offenders(escaped)}")
+
+    def memory(self) -> dict[str, Any]:
+        """Return what the run remembers besides state and samples, as JSON values."""
+        return {**super().memory(), "loads": dict(self.meter.last)}
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Take back what `memory` gave."""
+        super().recall(memory)
+        self.meter.forget(memory["loads"])
+
+
+def assemble(
+    packing: Packing, options: MjcfOptions, furnish: Callable[[Apparatus], None], *, spheres: bool = False
+) -> Scene:
+    """Return the scene of a packing in an apparatus.
+
+    Parameters
+    ----------
+    packing : Packing
+        The grains.
+    options : MjcfOptions
+        Friction and the like; its gravity sets the units.
+    furnish : callable
+        Adds the apparatus.
+    spheres : bool
+        Whether each grain is replaced by the sphere of equal volume.
+
+    Raises
+    ------
+    InputError
+        If the packing is periodic or overlaps at the start.
+    """
+    refuse_periodic(packing)
+    apparatus = Apparatus(mjcf.text(packing, options))
+    scales = mjcf.units(packing, options.gravity)
+    if spheres:
+        sizes = volumes(packing.grains)
+        apparatus.make_spheres(np.cbrt(0.75 / np.pi * sizes) / scales.length, sizes * packing.densities / scales.mass)
+    furnish(apparatus)
+    scene = scene_of(packing, apparatus.text(), options.gravity, are_spheres=spheres)
+    refuse_overlap(scene)
+    return scene
+
+
+def smooth(values: NDArray[np.float64], span: int) -> NDArray[np.float64]:
+    """Return the running mean over ``span`` samples, shape (n − span + 1,); of all of them where there are fewer."""
+    span = max(1, min(span, len(values)))
+    return np.convolve(values, np.full(span, 1.0 / span), mode="valid")

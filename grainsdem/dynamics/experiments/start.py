@@ -1,0 +1,107 @@
+"""Where grains stand before an experiment: turned at random, in random order, apart from each other."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from grainsdem.errors import InputError
+from grainsdem.geometry.rotations import multiply, random_quaternions
+from grainsdem.model import Domain, Packing
+from grainsdem.packing.carve import select
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+    Seed = np.random.Generator | int | None
+
+CLEARANCE = 0.02
+"""Smallest gap between grains that were set apart, relative to the largest one's circumscribed diameter."""
+
+
+def pitch(packing: Packing) -> float:
+    """Return the distance [m] at which any two of the grains are apart, however they are turned."""
+    radii = packing.grains.vertices[:, : 2 if packing.domain.is_planar else 3]
+    widest = float(np.sqrt(np.max(np.einsum("ij,ij->i", radii, radii)))) if len(radii) else 0.0
+    if not widest > 0:
+        raise InputError("an experiment needs at least one grain; got a packing without any")
+    return 2 * widest * (1 + CLEARANCE)
+
+
+def set_apart(packing: Packing, places: Floats, domain: Domain, *, rng: Seed) -> Packing:
+    """Return the grains in random order and at random rotations, at the first of the given places.
+
+    Parameters
+    ----------
+    packing : Packing
+        The grains; planar ones are turned in their plane.
+    places : ndarray, shape (at least n, 3)
+        Where centroids go [m], `pitch` apart from each other.
+    domain : Domain
+        What is around them.
+    rng : numpy.random.Generator, int or None
+        Source of randomness, or a seed for one.
+    """
+    generator = np.random.default_rng(rng)
+    order = generator.permutation(len(packing))
+    grains, _ = select(packing.grains, order)
+    turned = multiply(_turns(packing, generator), packing.quaternions[order])
+    positions = places[: len(packing)].copy()
+    if packing.domain.is_planar:
+        positions[:, 2] = packing.positions[order, 2]
+    return replace(
+        packing,
+        grains=grains,
+        positions=positions,
+        quaternions=turned / np.linalg.norm(turned, axis=1, keepdims=True),
+        densities=packing.densities[order],
+        domain=domain,
+        links=None,
+    ).with_step("set_apart")
+
+
+def set_apart_in_block(packing: Packing, *, rng: Seed, lengths: Floats | None = None) -> Packing:
+    """Return the grains set apart on a lattice in a box whose sides are as equal as can be.
+
+    Parameters
+    ----------
+    packing : Packing
+        The grains.
+    rng : numpy.random.Generator, int or None
+        Source of randomness, or a seed for one.
+    lengths : array_like, shape (3,), optional
+        Sides [m] of the box, but for the last one, against gravity, which is as long as the grains need.
+    """
+    step, n, planar = pitch(packing), len(packing), packing.domain.is_planar
+    up = 1 if planar else 2
+    if lengths is None:
+        columns = np.full(up, int(np.ceil(n ** (1 / (up + 1)) - 1e-9)))
+        sides = columns * step
+    else:
+        sides = np.asarray(lengths, dtype=np.float64)[:up]
+        columns = np.floor(sides / step + 1e-9).astype(int)
+        if columns.min() < 1:
+            raise InputError(f"a box of {sides.tolist()} m is narrower than the largest grain, {step:.4g} m")
+    layers = -(-n // int(columns.prod()))
+    counts = np.append(columns, layers)
+    index = np.indices(tuple(counts[::-1].tolist())).reshape(up + 1, -1)[::-1].T
+    spacing = np.append(sides / columns, step)
+    lower = packing.domain.lower.copy()
+    places = np.zeros((len(index), 3))
+    places[:, : up + 1] = lower[: up + 1] + (index + 0.5) * spacing
+    upper = packing.domain.upper.copy()
+    upper[: up + 1] = lower[: up + 1] + counts * spacing
+    return set_apart(packing, places, Domain(lower, upper, is_planar=planar), rng=rng)
+
+
+def _turns(packing: Packing, generator: np.random.Generator) -> Floats:
+    """Return random rotations, about z alone in planar work."""
+    if not packing.domain.is_planar:
+        return random_quaternions(len(packing), generator)
+    half = generator.uniform(0.0, np.pi, len(packing))
+    turns = np.zeros((len(packing), 4))
+    turns[:, 0], turns[:, 3] = np.cos(half), np.sin(half)
+    return turns

@@ -1,0 +1,417 @@
+"""Triaxial compression: six smooth walls, four that hold a pressure and two that close in on the grains."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from exporters.mjcf import MjcfOptions, units
+from grainsdem.dynamics.experiments.cell import LIMIT_SPEED, Cell
+from grainsdem.dynamics.experiments.rig import (
+    JsonReport,
+    Outcome,
+    Trial,
+    assemble,
+    check_frictions,
+    check_ranges,
+    pressure_gravity,
+    smooth,
+)
+from grainsdem.dynamics.experiments.start import set_apart_in_block
+from grainsdem.dynamics.loop import Record
+from grainsdem.dynamics.mechanics import coordination, friction_angle, sliding_fraction, snapshot, stress
+from grainsdem.errors import InputError
+from grainsdem.geometry.integrals import volumes
+from grainsdem.model import Domain
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from grainsdem.dynamics.experiments.rig import Tell
+    from grainsdem.dynamics.scene import Scene
+    from grainsdem.model import Packing
+
+    Floats = NDArray[np.float64]
+
+REST_PRESSURE = 0.03
+"""How near one the pressure on every wall must be for the bed to count as compressed."""
+
+REST_ENERGY = 1e-4
+"""Mean kinetic energy of a grain [P d³] below which it does: flickering contacts leave 1e-5."""
+
+REST_SAMPLES = 5
+"""How many samples in a row must be so."""
+
+COMPRESSION_LIMIT = 60.0
+"""Time [t] after which a bed is sheared although it has not come to rest."""
+
+RAMP_TIME = 1.0
+"""Time [t] in which the driven walls get up to speed."""
+
+N_SAMPLES = 200
+"""Samples of a shearing run, or fewer where they would be closer than `SAMPLE_TIME`."""
+
+PEAK_SPAN = 0.05
+"""Axial strain over which stresses are averaged before their peak is looked for."""
+
+CRITICAL_SHARE = 0.25
+"""Last part of the strain that is averaged for the critical state."""
+
+
+class TriaxialSample(NamedTuple):
+    """One look at a triaxial test, in grain units.
+
+    Parameters
+    ----------
+    time : float
+        Simulated time [t].
+    stage : float
+        0 while the bed is compressed, 1 while it is sheared.
+    axial_strain : float
+        Shortening over the height at the beginning of shear.
+    volumetric_strain : float
+        Change of volume over the volume at the beginning of shear, positive where the bed dilates.
+    axial_stress, lateral_stress : float
+        Mean pressure on the walls since the last sample [P].
+    axial_stress_contacts, lateral_stress_contacts : float
+        Love–Weber's stress at the instant [P].
+    solid_fraction : float
+        Volume of the grains over that between the walls.
+    coordination : float
+        Mean number of grains that press on a grain.
+    sliding_fraction : float
+        Share of the contact points that slide.
+    kinetic_energy : float
+        Mean of a grain [P d³].
+    """
+
+    time: float
+    stage: float
+    axial_strain: float
+    volumetric_strain: float
+    axial_stress: float
+    lateral_stress: float
+    axial_stress_contacts: float
+    lateral_stress_contacts: float
+    solid_fraction: float
+    coordination: float
+    sliding_fraction: float
+    kinetic_energy: float
+
+
+@dataclass(frozen=True, slots=True)
+class TriaxialReport(JsonReport):
+    """What a triaxial test measured.
+
+    Parameters
+    ----------
+    peak_friction_angle, critical_friction_angle : float
+        asin((σ1 − σ3)/(σ1 + σ3)) [rad]: the highest of the means over 0.05 of axial strain, and the mean over the last
+        quarter of the strain.
+    peak_strain : float
+        Axial strain at the peak.
+    volumetric_strain : float
+        At the end, positive where the bed has dilated.
+    dilatancy_angle : float
+        Steepest slope of the volumetric strain over 0.05 of axial strain, as asin(s/(2 + s)) [rad].
+    initial_solid_fraction, final_solid_fraction : float
+        When shear began, and at the end.
+    stress_mismatch : float
+        Difference of the axial stress of the walls and that of the contacts, both averaged over the shear, relative.
+    confining_pressure : float
+        Pressure on the side walls [Pa], mean over the shear.
+    inertial_number : float
+        ε̇ d √(ρ/σ3).
+    is_compressed : bool
+        Whether the bed was at rest when shear began.
+    time : float
+        Simulated time [s].
+    n_steps, halvings : int
+        Steps taken, and how often the time step was halved to keep the run stable.
+    """
+
+    peak_friction_angle: float
+    critical_friction_angle: float
+    peak_strain: float
+    volumetric_strain: float
+    dilatancy_angle: float
+    initial_solid_fraction: float
+    final_solid_fraction: float
+    stress_mismatch: float
+    confining_pressure: float
+    inertial_number: float
+    is_compressed: bool
+    time: float
+    n_steps: int
+    halvings: int
+
+
+def triaxial(
+    packing: Packing,
+    *,
+    confining_pressure: float = 1e5,
+    strain: float = 0.4,
+    inertial_number: float = 1e-2,
+    friction: float = 0.5,
+    compaction_friction: float | None = None,
+    rng: np.random.Generator | int | None = None,
+    spheres: bool = False,
+    time_step: float = 0.01,
+    history_path: str | os.PathLike[str] | None = None,
+    resume: bool = False,
+    progress: Tell | None = None,
+) -> Outcome[TriaxialReport]:
+    """Compress a bed by six smooth walls, then shorten it along its height while the side walls hold the pressure.
+
+    Parameters
+    ----------
+    packing : Packing
+        Grains free of overlap. In planar work there are four walls and the height is along y: a biaxial test.
+    confining_pressure : float
+        σ3 [Pa].
+    strain : float
+        Axial strain to go to, the shortening over the height.
+    inertial_number : float
+        ε̇ d √(ρ/σ3); below 1e-3 loading is quasi-static, and 1e-2 raises the angles by a degree or so.
+    friction : float
+        Coefficient of friction among grains; the walls are smooth.
+    compaction_friction : float, optional
+        The same while the bed is compressed: less makes a denser bed. As in shear by default.
+    rng : numpy.random.Generator, int or None
+        Where given, grains are first turned at random, reordered and set apart on a lattice; it is the seed. Without
+        it they start where they are, and cells left in place may lock like a jigsaw.
+    spheres : bool
+        Whether each grain is replaced by the sphere of equal volume.
+    time_step : float
+        Time step in units of d √(ρ/σ3).
+    history_path : str or path-like, optional
+        HDF5 file that the history is appended to while the run goes.
+    resume : bool
+        Whether to go on from the checkpoint of an interrupted run with that history.
+    progress : callable, optional
+        Called with the fraction done and a few words at every sample.
+
+    Returns
+    -------
+    Outcome
+        Packing, history, `TriaxialReport`, snapshot.
+
+    Raises
+    ------
+    InputError
+        If an option is out of range, or the packing is periodic or overlaps.
+    UnstableError
+        If the run goes wrong and three smaller time steps do not help.
+
+    Notes
+    -----
+    The walls that hold a pressure are pushed with that pressure times the present area between the others; the
+    two across the height are then driven at ε̇ times the present height. Stresses on walls are means over time from the
+    momentum that they took.
+    """
+    check_ranges(confining_pressure=confining_pressure, strain=strain, inertial_number=inertial_number)
+    check_ranges(time_step=time_step)
+    check_frictions(friction=friction, compaction_friction=compaction_friction)
+    if strain >= 0.9:
+        raise InputError(f"strain must be below 0.9, the shortening over the height; got {strain}")
+    start = packing if rng is None else set_apart_in_block(packing, rng=rng)
+    options = MjcfOptions(
+        friction=friction,
+        gravity=pressure_gravity(start, confining_pressure),
+        time_step=time_step,
+        walls="none",
+    )
+    scene, cell = _build(start, options, spheres=spheres)
+    told = {
+        "strain": strain,
+        "inertial_number": inertial_number,
+        "friction": friction,
+        "compaction_friction": compaction_friction,
+    }
+    run = _Triaxial(scene, cell, Record(history_path, resume, told), progress, told)
+    run.run()
+    step = {"confining_pressure": confining_pressure, "time_step": time_step, "spheres": spheres, **told}
+    return Outcome(
+        run.packing().with_step("triaxial", **step),
+        run.history(),
+        run.report(),
+        snapshot(scene),
+        {},
+    )
+
+
+def _build(packing: Packing, options: MjcfOptions, *, spheres: bool) -> tuple[Scene, Cell]:
+    """Return the scene and the walls around it."""
+    cell = Cell(packing, units(packing, options.gravity), driven=1 if packing.domain.is_planar else 2)
+    return assemble(packing, options, cell.furnish, spheres=spheres), cell
+
+
+class _Triaxial(Trial):
+    """Compression to rest, then shear."""
+
+    experiment = "triaxial"
+    columns: ClassVar[Mapping[str, str]] = {
+        "time": "s",
+        "stage": "0 compression, 1 shear",
+        "axial_strain": "1",
+        "volumetric_strain": "1",
+        "axial_stress": "Pa",
+        "lateral_stress": "Pa",
+        "axial_stress_contacts": "Pa",
+        "lateral_stress_contacts": "Pa",
+        "solid_fraction": "1",
+        "coordination": "1",
+        "sliding_fraction": "1",
+        "kinetic_energy": "P d3",
+    }
+
+    def __init__(self, scene: Scene, cell: Cell, record: Record, tell: Tell | None, options: Mapping[str, Any]) -> None:
+        super().__init__(scene, record, cell.meter(scene.engine), tell)
+        self.cell = cell
+        self.strain, self.rate = options["strain"], options["inertial_number"]
+        self.frictions = options["compaction_friction"], options["friction"]
+        self.lateral = tuple(axis for axis in cell.axes if axis != cell.driven)
+        self._volume = float(volumes(scene.source.grains).sum()) / scene.units.length**3
+        self._begun: dict[str, Any] | None = None
+        self.set_friction()
+
+    def set_friction(self) -> None:
+        """Give the grains the friction of the present stage."""
+        compaction, shear = self.frictions
+        self.scene.engine.set_friction(shear if self._begun or compaction is None else compaction)
+
+    def drive(self) -> None:
+        """Push the walls, and drive two of them once the bed is compressed."""
+        engine, cell = self.scene.engine, self.cell
+        if self._begun is None:
+            cell.hold(self.meter, engine, cell.axes, limit_speed=LIMIT_SPEED)
+            return
+        cell.hold(self.meter, engine, self.lateral)
+        height = float(cell.lengths(engine)[cell.driven])
+        ramp = min(1.0, (engine.time - self._begun["time"]) / RAMP_TIME)
+        for side in (0, 1):
+            self.meter.drive(f"{'xyz'[cell.driven]}{side}", -0.5 * self.rate * height * ramp)
+
+    def measure(self) -> TriaxialSample:
+        """Return the present sample."""
+        engine, cell = self.scene.engine, self.cell
+        lengths = cell.lengths(engine)
+        pressures = cell.pressures(self.meter.read(), lengths)
+        now, volume = snapshot(self.scene), float(np.prod(lengths))
+        scales = self.scene.units
+        inner = np.diag(stress(now, volume=volume * scales.length**3)) / scales.stress
+        lateral = list(self.lateral)
+        first = lengths if self._begun is None else np.array(self._begun["lengths"])
+        return TriaxialSample(
+            time=engine.time,
+            stage=float(self._begun is not None),
+            axial_strain=1.0 - float(lengths[cell.driven] / first[cell.driven]),
+            volumetric_strain=volume / float(np.prod(first)) - 1.0,
+            axial_stress=float(pressures[cell.driven]),
+            lateral_stress=float(pressures[lateral].mean()),
+            axial_stress_contacts=float(inner[cell.driven]),
+            lateral_stress_contacts=float(inner[lateral].mean()),
+            solid_fraction=self._volume / volume,
+            coordination=coordination(now),
+            sliding_fraction=float(np.nan_to_num(sliding_fraction(now))),
+            kinetic_energy=self.kinetic_energy(now),
+        )
+
+    def outside(self) -> Floats:
+        """Return how far [d] each centroid is outside the walls, shape (n,)."""
+        positions, _ = self.scene.poses()
+        lower, upper = self.cell.bounds(self.scene.engine)
+        return np.asarray(np.maximum(lower - positions, positions - upper)[:, self.cell.axes].max(axis=1))
+
+    def is_over(self) -> bool:
+        """Return whether the strain is reached."""
+        return self.samples[-1].axial_strain >= self.strain and self._begun is not None
+
+    def keep(self, now: TriaxialSample) -> None:
+        """Begin to shear once the bed is compressed, and tell how far the run is."""
+        if self._begun is not None:
+            self.tell(
+                now.axial_strain / self.strain,
+                f"strain {now.axial_strain:.3f}, {np.degrees(_angles(now)):.1f}°, {now.volumetric_strain:+.3f}",
+            )
+            return
+        self.tell(0.0, f"compressing: solid fraction {now.solid_fraction:.3f}, {now.kinetic_energy:.0e} P d³")
+        is_at_rest = len(self.samples) > REST_SAMPLES and all(map(_is_at_rest, self.samples[-REST_SAMPLES:]))
+        if is_at_rest or now.time > COMPRESSION_LIMIT:
+            lengths = self.cell.lengths(self.scene.engine)
+            self._begun = {"time": now.time, "lengths": lengths.tolist(), "is_at_rest": bool(is_at_rest)}
+            self.sample_time = max(self.sample_time, self.strain / self.rate / N_SAMPLES)
+            self.set_friction()
+
+    def memory(self) -> dict[str, Any]:
+        """Return what the run remembers besides state and samples, as JSON values."""
+        return {**super().memory(), "begun": self._begun, "sample_time": self.sample_time}
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Take back what `memory` gave."""
+        super().recall(memory)
+        self._begun, self.sample_time = memory["begun"], memory["sample_time"]
+        self.set_friction()
+
+    def in_si(self, row: TriaxialSample) -> TriaxialSample:
+        """Return a sample as it is stored."""
+        scales = self.scene.units
+        stresses = {name: value * scales.stress for name, value in row._asdict().items() if "_stress" in name}
+        return row._replace(time=row.time * scales.time, **stresses)
+
+    def packing(self) -> Packing:
+        """Return the grains where they are, in a domain between the walls."""
+        lower, upper = (corner * self.scene.units.length for corner in self.cell.bounds(self.scene.engine))
+        found = self.scene.packing()
+        return replace(found, domain=Domain(lower, upper, is_planar=found.domain.is_planar))
+
+    def report(self) -> TriaxialReport:
+        """Return what the shear measured."""
+        rows = [row for row in self.samples[1:] if row.stage == 1.0 and row.axial_strain > 0]
+        axial, lateral, inner, strains, dilation = (
+            np.array([getattr(row, name) for row in rows])
+            for name in (
+                "axial_stress",
+                "lateral_stress",
+                "axial_stress_contacts",
+                "axial_strain",
+                "volumetric_strain",
+            )
+        )
+        span = max(1, round(PEAK_SPAN / strains[-1] * len(rows)))
+        smoothed = friction_angle(np.stack([smooth(axial, span), smooth(lateral, span)], axis=1))
+        last = strains >= (1 - CRITICAL_SHARE) * strains[-1]
+        peak, late = int(np.argmax(smoothed)), friction_angle([axial[last].mean(), lateral[last].mean()])
+        slope = np.max((dilation[span:] - dilation[:-span]) / (strains[span:] - strains[:-span]), initial=-1.0)
+        begun = self._begun or {"is_at_rest": False}
+        return TriaxialReport(
+            peak_friction_angle=float(smoothed[peak]),
+            critical_friction_angle=float(late),
+            peak_strain=float(smooth(strains, span)[peak]),
+            volumetric_strain=float(dilation[-1]),
+            dilatancy_angle=float(np.arcsin(slope / (2 + slope))),
+            initial_solid_fraction=rows[0].solid_fraction,
+            final_solid_fraction=rows[-1].solid_fraction,
+            stress_mismatch=float(abs(inner.mean() / axial.mean() - 1)),
+            confining_pressure=float(lateral.mean() * self.scene.units.stress),
+            inertial_number=self.rate,
+            is_compressed=begun["is_at_rest"],
+            time=self.time_in_si(),
+            n_steps=self.n_steps,
+            halvings=self.halvings,
+        )
+
+
+def _is_at_rest(row: TriaxialSample) -> bool:
+    """Return whether a bed is compressed: walls bear the pressure, and grains hardly move."""
+    pressures = row.axial_stress, row.lateral_stress, row.axial_stress_contacts, row.lateral_stress_contacts
+    return row.kinetic_energy < REST_ENERGY and all(abs(p - 1) < REST_PRESSURE for p in pressures)
+
+
+def _angles(row: TriaxialSample) -> float:
+    return float(friction_angle([row.axial_stress, row.lateral_stress]))
