@@ -8,13 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from exporters.check import check_name, grain_names, measured
+from exporters.check import check_name, measured
 from exporters.container import GRAIN_COLOURS, shades
+from exporters.text import filled
 from grainsdem.errors import InputError
 from grainsdem.geometry.triangles import best_apexes, triangles
 from grainsdem.ragged import offsets_from_counts
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from numpy.typing import NDArray
 
     from grainsdem.geometry.integrals import Integrals
@@ -23,6 +26,21 @@ if TYPE_CHECKING:
 FLOAT, UNSIGNED_SHORT = 5126, 5123
 ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
 """Numbers of the glTF specification."""
+
+_VIEWS = (
+    f'{{"buffer":0,"byteOffset":%d,"byteLength":%d,"target":{ARRAY_BUFFER}}},'
+    f'{{"buffer":0,"byteOffset":%d,"byteLength":%d,"target":{ELEMENT_ARRAY_BUFFER}}}'
+)
+_ACCESSORS = (
+    f'{{"bufferView":%d,"componentType":{FLOAT},"count":%d,"type":"VEC3",'
+    '"min":[%.9g,%.9g,%.9g],"max":[%.9g,%.9g,%.9g]},'
+    f'{{"bufferView":%d,"componentType":{UNSIGNED_SHORT},"count":%d,"type":"SCALAR"}}'
+)
+_MESH = '{"name":"g%06d","primitives":[{"attributes":{"POSITION":%d},"indices":%d,"material":%d}]}'
+_NODE = (
+    '{"name":"g%06d","mesh":%d,"translation":[%.17g,%.17g,%.17g],"rotation":[%.17g,%.17g,%.17g,%.17g],'
+    '"extras":{"grain":%d,"mass":%.17g,"density":%.17g}}'
+)
 
 MOST = 1 << 32
 """Bytes that the length of a GLB file can count."""
@@ -52,7 +70,7 @@ LOSES = (
 
 def files(
     packing: Packing, *, name: str = "bed", suffix: str = ".glb", options: GlbOptions | None = None
-) -> dict[str, bytes]:
+) -> dict[str, Iterator[bytes]]:
     """Return the one file: a node ``g000000`` a grain with its pose, below one that turns z up into glTF's y up.
 
     Vertices are about the grain's centroid, in metres.
@@ -72,16 +90,16 @@ def files(
     points = packing.grains.vertices.astype("<f4")
     cut = triangles(packing.grains, apexes=best_apexes(packing.grains))
     indices, starts, counts = _padded(cut.indices, cut.offsets)
-    document = _document(packing, integrals, points, (starts, counts), options)
-    text = json.dumps(document, separators=(",", ":")).encode()
+    text = _document(packing, integrals, points, (starts, counts), options)
     text += b" " * (-len(text) % 4)
     binary = points.nbytes + indices.nbytes
     total = 12 + 8 + len(text) + 8 + binary
     if total >= MOST:
         raise InputError(f"a GLB file has less than {MOST} bytes; these {len(packing)} grains need {total}")
     head = b"glTF" + (2).to_bytes(4, "little") + total.to_bytes(4, "little")
-    parts = [head, len(text).to_bytes(4, "little"), b"JSON", text, binary.to_bytes(4, "little"), b"BIN\0"]
-    return {f"{name}{suffix}": b"".join([*parts, points.tobytes(), indices.tobytes()])}
+    head += len(text).to_bytes(4, "little") + b"JSON"
+    parts = (head, text, binary.to_bytes(4, "little"), b"BIN\0", points, indices)
+    return {f"{name}{suffix}": (part if isinstance(part, bytes) else part.tobytes() for part in parts)}
 
 
 def _padded(
@@ -102,58 +120,62 @@ def _document(
     points: NDArray[np.float32],
     triangle_corners: tuple[NDArray[np.int64], NDArray[np.int64]],
     options: GlbOptions,
-) -> dict[str, Any]:
-    """Return the JSON part."""
+) -> bytes:
+    """Return the JSON part: what each grain has as text made from patterns, the rest by the library."""
     offsets = packing.grains.vertex_offsets
     n = len(packing)
-    lower = np.minimum.reduceat(points, offsets[:-1]).tolist()
-    upper = np.maximum.reduceat(points, offsets[:-1]).tolist()
-    starts, counts = (part.tolist() for part in triangle_corners)
-    vertex_counts = np.diff(offsets).tolist()
-    shade = (shades(n) if options.colours else np.zeros(n, dtype=np.int64)).tolist()
-    masses = (packing.densities * integrals.volumes).tolist()
-    quaternions = np.roll(packing.quaternions, -1, axis=1).tolist()
-    views, accessors, meshes, nodes = [], [], [], []
-    for i, name in enumerate(grain_names(packing)):
-        views.append({
-            "buffer": 0, "byteOffset": 12 * int(offsets[i]), "byteLength": 12 * vertex_counts[i],
-            "target": ARRAY_BUFFER,
-        })  # fmt: skip
-        views.append({
-            "buffer": 0, "byteOffset": points.nbytes + 2 * starts[i], "byteLength": 2 * counts[i],
-            "target": ELEMENT_ARRAY_BUFFER,
-        })  # fmt: skip
-        accessors.append({
-            "bufferView": 2 * i, "componentType": FLOAT, "count": vertex_counts[i], "type": "VEC3",
-            "min": lower[i], "max": upper[i],
-        })  # fmt: skip
-        accessors.append({
-            "bufferView": 2 * i + 1, "componentType": UNSIGNED_SHORT, "count": counts[i], "type": "SCALAR",
-        })  # fmt: skip
-        # No normals: a reader must then shade every triangle flat, as grains are.
-        primitive = {"attributes": {"POSITION": 2 * i}, "indices": 2 * i + 1, "material": shade[i]}
-        meshes.append({"name": name, "primitives": [primitive]})
-        nodes.append({
-            "name": name, "mesh": i, "translation": packing.positions[i].tolist(), "rotation": quaternions[i],
-            "extras": {"grain": i, "mass": masses[i], "density": float(packing.densities[i])},
-        })  # fmt: skip
-    turn = float(np.sqrt(0.5))
-    nodes.append({"name": "grains", "rotation": [-turn, 0.0, 0.0, turn], "children": list(range(n))})
+    starts, counts = triangle_corners
+    numbers = np.arange(n)
+    vertex_counts = np.diff(offsets)
+    shade = shades(n) if options.colours else np.zeros(n, dtype=np.int64)
     colours = list(GRAIN_COLOURS.items()) if options.colours else [("grain", (0.6, 0.6, 0.6))]
-    materials = [
-        {"name": word, "pbrMetallicRoughness": {
-            "baseColorFactor": [*colour, 1.0], "metallicFactor": 0.0, "roughnessFactor": 0.8,
-        }}
-        for word, colour in colours
-    ]  # fmt: skip
-    return {
+    turn = float(np.sqrt(0.5))
+    rest = {
         "asset": {"version": "2.0", "generator": "grainsdem", "extras": {"unit": "metre"}},
         "scene": 0,
         "scenes": [{"nodes": [n]}],
-        "nodes": nodes,
-        "meshes": meshes,
-        "materials": materials,
-        "accessors": accessors,
-        "bufferViews": views,
-        "buffers": [{"byteLength": points.nbytes + 2 * (starts[-1] + counts[-1] + counts[-1] % 2)}],
-    }
+        "materials": [
+            {
+                "name": word,
+                "pbrMetallicRoughness": {
+                    "baseColorFactor": [*colour, 1.0], "metallicFactor": 0.0, "roughnessFactor": 0.8,
+                },
+            }
+            for word, colour in colours
+        ],
+        "buffers": [{"byteLength": points.nbytes + 2 * int(starts[-1] + counts[-1] + counts[-1] % 2)}],
+    }  # fmt: skip
+    root = {"name": "grains", "rotation": [-turn, 0.0, 0.0, turn], "children": list(range(n))}
+    lists = {
+        "bufferViews": [_rows(_VIEWS, [12 * offsets[:-1], 12 * vertex_counts, points.nbytes + 2 * starts, 2 * counts])],
+        "accessors": [
+            _rows(
+                _ACCESSORS,
+                [
+                    2 * numbers, vertex_counts, *np.minimum.reduceat(points, offsets[:-1]).T,
+                    *np.maximum.reduceat(points, offsets[:-1]).T, 2 * numbers + 1, counts,
+                ],
+            )
+        ],
+        # No normals: a reader must then shade every triangle flat, as grains are.
+        "meshes": [_rows(_MESH, [numbers, 2 * numbers, 2 * numbers + 1, shade])],
+        "nodes": [
+            _rows(
+                _NODE,
+                [
+                    numbers, numbers, *packing.positions.T, *np.roll(packing.quaternions, -1, axis=1).T, numbers,
+                    packing.densities * integrals.volumes, packing.densities,
+                ],
+            ),
+            json.dumps(root, separators=(",", ":")),
+        ],
+    }  # fmt: skip
+    body = ",".join(f'"{key}":[{",".join(rows)}]' for key, rows in lists.items())
+    return f"{json.dumps(rest, separators=(',', ':'))[:-1]},{body}}}".encode()
+
+
+def _rows(pattern: str, columns: list[NDArray[Any]]) -> str:
+    """Return the pattern filled once a grain, separated by commas."""
+    # In double precision whole numbers of the file's size are exact, and so are single ones.
+    values = np.column_stack([np.asarray(column, dtype=np.float64) for column in columns])
+    return ",".join(filled(pattern, values, np.ones(len(values), dtype=np.int64)))
