@@ -65,11 +65,11 @@ def test_the_example_recipe_can_be_read():
     ("change", "words"),
     [
         ({"sedes": {}}, "sedes: unknown key; allowed are name, rng, domain, seeds"),
-        ({"grains": {"porosty": 0.4}}, "grains.porosty: unknown key; allowed are keep, porosity, scale"),
+        ({"grains": {"porosty": 0.4}}, "grains.porosty: unknown key; allowed are keep, porosity, solid_fraction"),
         ({"settle": {"frictoin": 0.4}}, "settle.frictoin: unknown key; allowed are shuffle, friction"),
         ({"grains": {"porosity": -0.1}}, "grains.porosity: .*greater than or equal to 0; got -0.1"),
-        ({"grains": {"porosity": 0.4, "scale": 0.5}}, "grains: give either porosity or scale"),
-        ({"grains": {}}, "grains: give either porosity or scale"),
+        ({"grains": {"porosity": 0.4, "scale": 0.5}}, "grains: give one of porosity, .*got porosity = 0.4, scale"),
+        ({"grains": {}}, "grains: give one of porosity, .* relation; got none"),
         ({"seeds": {"process": "file"}}, "seeds: process 'file' needs path, and no count"),
         (
             {"seeds": {"process": "strauss", "count": 3}},

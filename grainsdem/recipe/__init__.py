@@ -1,8 +1,9 @@
 """A bed described in a TOML file, read into a typed model, and the chain that makes it."""
 
-from grainsdem.recipe.chain import Result, grow, keeping_last_good, run
+from grainsdem.recipe.chain import Result, keeping_last_good, run
+from grainsdem.recipe.growing import grow
 from grainsdem.recipe.tables import EXAMPLE, Recipe, make, parse, read
-from grainsdem.recipe.words import Monitor, Silent, counting_words, settling_words
+from grainsdem.recipe.words import Monitor, Silent, counting_words, settling_words, throat_widths_told
 
 __all__ = [
     "EXAMPLE",
@@ -18,4 +19,5 @@ __all__ = [
     "read",
     "run",
     "settling_words",
+    "throat_widths_told",
 ]

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import json
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 import exporters
 from grainsdem import figures, storage
@@ -17,11 +15,9 @@ from grainsdem.dynamics import Settled, settle
 from grainsdem.errors import UnstableError, WriteError
 from grainsdem.measures import summary
 from grainsdem.packing import contacts, shuffle
-from grainsdem.recipe.grains import shape
-from grainsdem.recipe.seeds import place
+from grainsdem.recipe.growing import grow, stream
 from grainsdem.recipe.tables import OutputTable, Recipe, SettleTable
-from grainsdem.recipe.words import Monitor, Silent, counting_words, settling_words
-from grainsdem.tessellation import relax, tessellate
+from grainsdem.recipe.words import Monitor, Silent, counting_words, settling_words, throat_widths_told
 from grainsdem.validation import validate
 
 if TYPE_CHECKING:
@@ -44,7 +40,7 @@ class Result:
     reports : dict of str to Report
         Validation of ``"bed"`` and ``"settled"``.
     summaries : dict of str to dict
-        Measures of both.
+        Measures of both; of the bed also ``throats``, the widths [m] before and after they were changed, if they were.
     files : list of Path
         Everything that was written.
     """
@@ -54,28 +50,6 @@ class Result:
     reports: dict[str, Report]
     summaries: dict[str, dict[str, Any]]
     files: list[Path]
-
-
-def grow(recipe: Recipe, monitor: Monitor | None = None) -> Packing:
-    """Return the bed that a recipe's seeds and grains tables describe."""
-    monitor = monitor or Silent()
-    domain = recipe.domain.make()
-    with monitor.stage("Placing seeds"):
-        seeds = place(recipe.seeds, domain, _generator(recipe, 0))
-    if recipe.seeds.relax:
-        with monitor.stage("Relaxing seeds") as tell:
-            total = recipe.seeds.relax
-            seeds = relax(
-                seeds,
-                domain,
-                iterations=total,
-                progress=lambda done: tell(done / total, f"iteration {done} of {total}"),
-            )
-    with monitor.stage("Growing grains"):
-        packing = shape(recipe.grains, tessellate(seeds, domain))
-    # The recipe comes first: it is what the other steps follow from.
-    first = json.dumps({"step": "recipe", **recipe.model_dump(mode="json")}, sort_keys=True)
-    return replace(packing, provenance=(first, *packing.provenance))
 
 
 def run(recipe: Recipe, folder: str | os.PathLike[str], monitor: Monitor | None = None) -> Result:
@@ -103,7 +77,7 @@ def run(recipe: Recipe, folder: str | os.PathLike[str], monitor: Monitor | None 
     files, reports, summaries = [], {}, {}
     reports["bed"] = _validated(fresh, 1e-9, monitor)
     graph = contacts(fresh)
-    summaries["bed"] = summary(fresh, graph)
+    summaries["bed"] = {**summary(fresh, graph), **throat_widths_told(fresh)}
     files += _write(fresh, graph, folder / "bed", recipe.output, monitor)
     settled = None
     if recipe.settle is not None:
@@ -117,11 +91,6 @@ def run(recipe: Recipe, folder: str | os.PathLike[str], monitor: Monitor | None 
     with replacing(folder / "summary.json") as temporary:
         temporary.write_text(json.dumps(summaries, indent=2) + "\n", encoding="utf-8")
     return Result(fresh, settled, reports, summaries, [*files, folder / "summary.json"])
-
-
-def _generator(recipe: Recipe, stage: int) -> np.random.Generator:
-    """Return the stage's own stream, so that one stage's draws do not move another's."""
-    return np.random.default_rng([recipe.rng, stage])
 
 
 def _made(folder: str | os.PathLike[str]) -> Path:
@@ -156,7 +125,7 @@ def _write(packing: Packing, graph: ContactGraph, stem: Path, output: OutputTabl
 
 def _settle(fresh: Packing, recipe: Recipe, folder: Path, monitor: Monitor) -> Settled:
     table = recipe.settle or SettleTable()
-    start = shuffle(fresh, rng=_generator(recipe, 1)) if table.shuffle else fresh
+    start = shuffle(fresh, rng=stream(recipe, 1)) if table.shuffle else fresh
     options = table.model_dump(exclude={"shuffle", "overlap"})
     with monitor.stage("Settling") as tell, keeping_last_good(folder / "settled.h5"):
         return settle(start, **options, history_path=folder / "history.h5", progress=settling_words(tell))

@@ -24,7 +24,7 @@ class SeedsTable(Table):
     process : {"halton", "poisson", "file"}
         Point process, or a file of your own points.
     count : int
-        Number of seeds.
+        Number of seeds; without it, and with a size of grains, it follows from the domain's.
     bases : three ints
         Bases of Halton's sequence.
     path : str
@@ -41,10 +41,16 @@ class SeedsTable(Table):
 
     @model_validator(mode="after")
     def _needs_its_source(self) -> Self:
-        wanted, other = ("path", "count") if self.process == "file" else ("count", "path")
-        if getattr(self, wanted) is None or getattr(self, other) is not None:
-            raise ValueError(f"process {self.process!r} needs {wanted}, and no {other}")
+        if self.process == "file" and (self.path is None or self.count is not None):
+            raise ValueError("process 'file' needs path, and no count")
+        if self.process != "file" and self.path is not None:
+            raise ValueError(f"process {self.process!r} needs count, and no path")
         return self
+
+    @property
+    def wants_count(self) -> bool:
+        """Whether the process takes a number of seeds; it is given, or follows from the grains' size."""
+        return self.process != "file"
 
 
 def place(table: SeedsTable, domain: Domain, rng: np.random.Generator) -> NDArray[np.float64]:

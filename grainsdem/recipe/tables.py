@@ -12,11 +12,12 @@ import exporters
 from grainsdem.errors import FileFormatError, InputError, MissingFileError, name_offenders
 from grainsdem.recipe.base import Coefficient, Positive, Table
 from grainsdem.recipe.domain import DomainTable
-from grainsdem.recipe.grains import GrainsTable
+from grainsdem.recipe.grains import GrainsTable, SizesTable, ThroatsTable
 from grainsdem.recipe.seeds import SeedsTable
 
 if TYPE_CHECKING:
     import os
+    from collections.abc import Sequence
 
 EXAMPLE = Path(__file__).parent.parent / "ottawa_sand.toml"
 """The demo's recipe: ASTM 20/30 Ottawa sand."""
@@ -96,6 +97,45 @@ class Recipe(Table):
     settle: SettleTable | None = None
     output: OutputTable = OutputTable()
 
+    @model_validator(mode="after")
+    def _two_of_three(self) -> Self:
+        """Of the domain in metres, the number of seeds and the grains' size, any two give the third."""
+        sizes, count = self.grains.sizes, self.seeds.count
+        has_count = count is not None or not self.seeds.wants_count or (sizes is not None and sizes.is_list)
+        if self.domain.side is not None and has_count and self.grains.has_size:
+            raise ValueError(
+                "give two of the domain's side, the number of seeds and the grains' size, and the third follows; got "
+                "all three (with lengths instead of side, only their proportions count)"
+            )
+        if has_count:
+            if self.grains.has_size and not isinstance(self.grains.region, str):
+                raise ValueError(
+                    "a region's corners are in metres, and this bed is scaled to its grains' size: give the "
+                    "domain's lengths and no count, or no size, or another region"
+                )
+            return self
+        if not self.grains.has_size:
+            raise ValueError(
+                f"process {self.seeds.process!r} needs seeds.count, or a size of grains that it follows from"
+            )
+        if not self.domain.is_measured:
+            raise ValueError(
+                "the number of seeds follows from the grains' size and the domain's: give the domain's side or "
+                "lengths in metres, or seeds.count"
+            )
+        return self
+
+    @property
+    def is_count_open(self) -> bool:
+        """Whether the number of seeds follows from the grains' size and the domain's."""
+        sizes = self.grains.sizes
+        return self.seeds.wants_count and self.seeds.count is None and not (sizes is not None and sizes.is_list)
+
+    @property
+    def is_metric(self) -> bool:
+        """Whether the domain's lengths are metres; else the bed is scaled to the size of its grains."""
+        return self.is_count_open or not self.grains.has_size
+
 
 _TABLES: dict[str, type[Table]] = {
     "domain": DomainTable,
@@ -128,6 +168,10 @@ def read(path: str | os.PathLike[str]) -> Recipe:
     if recipe.seeds.path is not None:
         beside = str(path.parent / recipe.seeds.path)
         recipe = recipe.model_copy(update={"seeds": recipe.seeds.model_copy(update={"path": beside})})
+    sizes = recipe.grains.sizes
+    if sizes is not None and sizes.path is not None:
+        sizes = sizes.model_copy(update={"path": str(path.parent / sizes.path)})
+        recipe = recipe.model_copy(update={"grains": recipe.grains.model_copy(update={"sizes": sizes})})
     return recipe
 
 
@@ -162,11 +206,17 @@ def make(**tables: Any) -> Recipe:
         raise InputError("; ".join(_explain(item) for item in error.errors())) from error
 
 
+def _table_at(path: Sequence[Any]) -> type[Table]:
+    """Return the table that keys lead to, such as ``("grains", "throats")``."""
+    tables: dict[str, type[Table]] = {**_TABLES, "grains.throats": ThroatsTable, "grains.sizes": SizesTable}
+    return tables.get(".".join(map(str, path)), Recipe)
+
+
 def _explain(item: Any) -> str:
     """Return one of pydantic's errors as a line that says where, what was given and what is allowed."""
-    where = ".".join(str(part) for part in item["loc"])
+    where = ".".join(str(part) for part in item["loc"]) or "recipe"
     if item["type"] == "extra_forbidden":
-        allowed = (_TABLES[str(item["loc"][0])] if len(item["loc"]) > 1 else Recipe).model_fields
+        allowed = _table_at(item["loc"][:-1]).model_fields
         return f"{where}: unknown key; allowed are {', '.join(allowed)}"
     message = item["msg"].removeprefix("Value error, ")
     if item["type"] == "missing":

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import math
 from contextlib import nullcontext
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from contextlib import AbstractContextManager
 
     from grainsdem.dynamics import Progress
+    from grainsdem.model import Packing
 
 
 class Monitor(Protocol):
@@ -52,3 +54,14 @@ def settling_words(tell: Callable[[float, str], None]) -> Callable[[Progress], N
         tell(best, f"{now.time:.3f} s, {now.energy:.0e} → {now.goal:.0e} mgd, {now.n_contacts} contacts")
 
     return hear
+
+
+def throat_widths_told(packing: Packing) -> dict[str, Any]:
+    """Return ``throats``: mean and standard deviation [m] of throat widths before and after grains were moved.
+
+    Nothing is returned of a packing whose grains were not.
+    """
+    steps = [step for step in map(json.loads, packing.provenance) if step["step"] == "jitter_throats"]
+    if not steps:
+        return {}
+    return {"throats": {"before": steps[0]["throats_before"], "after": steps[-1]["throats_after"]}}

@@ -129,9 +129,10 @@ def read(
     plan = tables.pop("survey", {})
     if not isinstance(plan, dict) or not set(plan) <= {"vary", "combine", "repeats"}:
         raise InputError(f"{path}: the survey table takes vary, combine and repeats; got {plan!r}")
-    seeds = tables.get("seeds")
-    if isinstance(seeds, dict) and isinstance(seeds.get("path"), str):
-        seeds["path"] = str(path.parent / seeds["path"])
+    grains = tables.get("grains")
+    for table in (tables.get("seeds"), grains.get("sizes") if isinstance(grains, dict) else None):
+        if isinstance(table, dict) and isinstance(table.get("path"), str):
+            table["path"] = str(path.parent / table["path"])
     varied = {**_flat(plan.get("vary", {})), **(vary or {})}
     return Survey(tables, varied, plan.get("combine", "product"), repeats or plan.get("repeats", 1))
 

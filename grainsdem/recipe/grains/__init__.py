@@ -1,0 +1,6 @@
+"""``[grains]``: what the cells become, and the sizes that they are to have."""
+
+from grainsdem.recipe.grains.sizes import SizesTable, sized
+from grainsdem.recipe.grains.table import GrainsTable, ThroatsTable, shape, size_ratio
+
+__all__ = ["GrainsTable", "SizesTable", "ThroatsTable", "shape", "size_ratio", "sized"]

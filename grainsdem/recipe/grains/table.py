@@ -1,0 +1,231 @@
+"""``[grains]`` and ``[grains.throats]``: what the cells become."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from grainsdem.errors import InputError
+from grainsdem.model import QUARTZ_DENSITY
+from grainsdem.packing import VOID_RELATIONS, carve, fit_void_ratio, jitter_throats, rescale, resize, shrink, size_of
+from grainsdem.recipe.base import Coefficient, Fraction, Positive, Table
+from grainsdem.recipe.grains.sizes import SizesTable, ratio_to
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from grainsdem.model import Packing, Tessellation
+
+Corner = tuple[float, float, float]
+
+VOIDS = ("porosity", "solid_fraction", "void_ratio", "scale", "gap", "relation")
+"""Keys that say how much void there is: one of them is given."""
+
+_GROWTHS = 60
+"""How often an interval is halved, or a bound doubled, on the way to a size."""
+
+
+class ThroatsTable(Table):
+    """``[grains.throats]``: grains moved at random within their cells, so that pore throats get many widths.
+
+    Parameters
+    ----------
+    fraction : float
+        Share of the grains that are moved, in [0, 1].
+    strength : float
+        How much of its slack a grain may use, in [0, 1].
+    axes : str
+        Coordinates that change: one to three of ``"xyz"``; never z in a slab.
+    """
+
+    fraction: Annotated[float, Field(ge=0, le=1)] = 1.0
+    strength: Annotated[float, Field(ge=0, le=1)] = 1.0
+    axes: str = "xyz"
+
+    @model_validator(mode="after")
+    def _known_axes(self) -> Self:
+        if not self.axes or set(self.axes) - set("xyz") or len(set(self.axes)) != len(self.axes):
+            raise ValueError(f"axes must be one to three of 'xyz', each once; got {self.axes!r}")
+        return self
+
+
+class GrainsTable(Table):
+    """``[grains]``: what the cells become.
+
+    Parameters
+    ----------
+    keep : {"inside", "all"}
+        Whether cells that touch a wall are dropped.
+    porosity, solid_fraction, void_ratio : float
+        Void of the region, reached exactly: in [0, 1), in (0, 1], or zero or more.
+    scale : float
+        Linear factor that grains shrink by, in (0, 1].
+    gap : float
+        Distance [m] between the faces of neighbours, the same everywhere, in the finished bed.
+    relation : str
+        Name of a relation of void ratio to mean sphericity that the bed is to lie on: the optimal F. One of the six
+        is given.
+    about : {"centroid", "seed", "vertex_mean"}
+        What grains shrink about.
+    region : {"cells", "domain"} or two corners
+        What the porosity is of; corners [m] of a box inside.
+    mean_diameter, median_diameter : float, optional
+        Diameter [m] by number, or by mass, of the grains as they are in the end; one of the two. With a count of seeds
+        the whole bed is scaled to it, and only the domain's proportions count; without, the count follows.
+    density : float
+        Density [kg/m³].
+    throats, sizes : tables, optional
+        See each.
+    """
+
+    keep: Literal["inside", "all"] = "inside"
+    porosity: Fraction | None = None
+    solid_fraction: Annotated[float, Field(gt=0, le=1)] | None = None
+    void_ratio: Coefficient | None = None
+    scale: Annotated[float, Field(gt=0, le=1)] | None = None
+    gap: Coefficient | None = None
+    relation: str | None = None
+    about: Literal["centroid", "seed", "vertex_mean"] = "centroid"
+    region: Literal["cells", "domain"] | tuple[Corner, Corner] = "cells"
+    mean_diameter: Positive | None = None
+    median_diameter: Positive | None = None
+    density: Positive = QUARTZ_DENSITY
+    throats: ThroatsTable | None = None
+    sizes: SizesTable | None = None
+
+    @model_validator(mode="after")
+    def _one_void(self) -> Self:
+        given = [name for name in VOIDS if getattr(self, name) is not None]
+        if len(given) != 1:
+            shown = ", ".join(f"{name} = {getattr(self, name)}" for name in given)
+            raise ValueError(f"give one of {', '.join(VOIDS)}; got {shown or 'none'}")
+        if self.relation is not None and self.relation not in VOID_RELATIONS:
+            raise ValueError(f"relation must be one of {', '.join(VOID_RELATIONS)}; got {self.relation!r}")
+        if self.mean_diameter is not None and self.median_diameter is not None:
+            raise ValueError(
+                f"give mean_diameter or median_diameter; got {self.mean_diameter} and {self.median_diameter}"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _options_have_a_use(self) -> Self:
+        if self.gap is not None and self.about != "centroid":
+            raise ValueError(f"a gap moves faces, not vertices about a point: leave out about; got {self.about!r}")
+        if (self.gap is not None or self.scale is not None) and self.region != "cells":
+            raise ValueError(
+                "region says what a porosity is of, and neither scale nor gap is one: leave it out, or give porosity, "
+                "solid_fraction, void_ratio or relation"
+            )
+        if self.gap is not None and self.sizes is not None:
+            raise ValueError("a gap takes more from small grains than from large ones: give sizes or gap")
+        if self.throats is not None and self._is_full:
+            raise ValueError("grains that fill their cells have no room to move: leave out throats, or give more void")
+        return self
+
+    @property
+    def _is_full(self) -> bool:
+        full = self.porosity == 0 or self.void_ratio == 0 or self.gap == 0
+        return full or self.scale == 1 or self.solid_fraction == 1
+
+    @property
+    def has_size(self) -> bool:
+        """Whether the grains' size in metres is asked for."""
+        return self.sizes is not None or self.diameter is not None
+
+    @property
+    def diameter(self) -> tuple[str, float] | None:
+        """The name and value of the diameter asked for."""
+        if self.mean_diameter is not None:
+            return "mean_diameter", self.mean_diameter
+        return None if self.median_diameter is None else ("median_diameter", self.median_diameter)
+
+
+def shape(
+    table: GrainsTable,
+    cells: Tessellation,
+    rng: np.random.Generator,
+    *,
+    wanted: NDArray[np.float64] | None = None,
+    is_scaled: bool = True,
+) -> Packing:
+    """Return the packing that a table makes of the cells.
+
+    Parameters
+    ----------
+    table : GrainsTable
+        What to make.
+    cells : Tessellation
+        Cells, of the ratios of ``wanted`` where that is given.
+    rng : numpy.random.Generator
+        Source of randomness for throats.
+    wanted : ndarray, shape (n_cells,), optional
+        Diameters [m] that the grains are to have.
+    is_scaled : bool
+        Whether the whole bed is scaled to the size asked for, if any.
+    """
+    packing = carve(cells, keep=table.keep, density=table.density)
+    if is_scaled and table.gap is not None:
+        packing = _apart(packing, table)
+    else:
+        packing = _shrunk(packing, table)
+        if is_scaled and table.has_size:
+            packing = _resized(packing, table, wanted)
+    if table.throats is None:
+        return packing
+    throats = table.throats
+    # After all else, so that the widths it tells are those of the finished bed.
+    return jitter_throats(packing, fraction=throats.fraction, strength=throats.strength, axes=throats.axes, rng=rng)
+
+
+def size_ratio(table: GrainsTable, packing: Packing, wanted: NDArray[np.float64] | None) -> float:
+    """Return how many times larger the grains of a packing are than a table asks for."""
+    if table.diameter is not None:
+        name, diameter = table.diameter
+        return size_of(packing, name) / diameter
+    if wanted is None:
+        raise InputError("the table asks for no size")
+    return ratio_to(wanted, packing)
+
+
+def _shrunk(packing: Packing, table: GrainsTable) -> Packing:
+    if table.relation is not None:
+        return fit_void_ratio(packing, relation=table.relation, about=table.about, region=table.region)
+    voids = {name: getattr(table, name) for name in VOIDS if name != "relation"}
+    return shrink(packing, **voids, about=table.about, region=table.region)
+
+
+def _resized(packing: Packing, table: GrainsTable, wanted: NDArray[np.float64] | None) -> Packing:
+    if table.diameter is not None:
+        name, diameter = table.diameter
+        return resize(packing, **{name: diameter})
+    return rescale(packing, 1 / size_ratio(table, packing, wanted))
+
+
+def _apart(packing: Packing, table: GrainsTable) -> Packing:
+    """Return grains a gap [m] apart that have the diameter asked for: their cells are scaled until they do."""
+    from scipy.optimize import brentq  # noqa: PLC0415  (a tenth of a second, and only for gaps)
+
+    if table.diameter is None:
+        return _shrunk(packing, table)
+    name, diameter = table.diameter
+    low = diameter / size_of(packing, name)
+
+    def excess(factor: float) -> float:
+        try:
+            return size_of(_shrunk(rescale(packing, factor), table), name) - diameter
+        except InputError:  # grains vanish: the cells are too small by far
+            return -diameter
+
+    high = low
+    for _ in range(_GROWTHS):
+        if excess(high) >= 0:
+            break
+        high *= 1.25
+    factor = (
+        low
+        if high == low
+        else brentq(excess, low, high, xtol=1e-15 * low, rtol=4 * np.finfo(float).eps, maxiter=_GROWTHS)
+    )
+    return _shrunk(rescale(packing, factor), table)

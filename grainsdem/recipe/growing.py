@@ -1,0 +1,138 @@
+"""From a recipe to a bed as grown; how many seeds it takes where only the grains' size is given."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from grainsdem.errors import InputError
+from grainsdem.recipe.grains import shape, size_ratio, sized
+from grainsdem.recipe.seeds import place
+from grainsdem.recipe.words import Monitor, Silent
+from grainsdem.tessellation import relax, tessellate
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from grainsdem.model import Packing
+    from grainsdem.recipe.tables import Recipe
+
+MOST_SEEDS = 10_000_000
+"""Seeds that a size and a domain may ask for: a mistaken unit asks for billions."""
+
+PILOT = 1000
+"""Seeds of the first bed that is grown to find how many are needed."""
+
+_BEDS = 8
+"""Beds that are grown to find the number: each is nearer by two digits, until chance decides."""
+
+
+def grow(recipe: Recipe, monitor: Monitor | None = None) -> Packing:
+    """Return the bed that a recipe's seeds and grains tables describe.
+
+    Raises
+    ------
+    InputError
+        If nothing is left of the cells, or what is asked for cannot be had of them.
+    """
+    monitor = monitor or Silent()
+    is_scaled = not recipe.is_metric
+    # The recipe comes first: it is what the other steps follow from.
+    first = [json.dumps({"step": "recipe", **recipe.model_dump(mode="json")}, sort_keys=True)]
+    sizes = recipe.grains.sizes
+    if recipe.seeds.wants_count and recipe.seeds.count is None and sizes is not None and sizes.is_list:
+        recipe = _with_count(recipe, len(sizes.listed()))
+    if recipe.is_count_open:
+        with monitor.stage("Counting seeds") as tell:
+            recipe, count = _counted(recipe, tell)
+        first.append(json.dumps({"step": "count", "count": count}, sort_keys=True))
+    packing, _ = _grown(recipe, monitor, is_scaled=is_scaled)
+    return replace(packing, provenance=(*first, *packing.provenance))
+
+
+def stream(recipe: Recipe, stage: int) -> np.random.Generator:
+    """Return the stage's own random numbers, so that one stage's draws do not move another's."""
+    return np.random.default_rng([recipe.rng, stage])
+
+
+_SEEDS, _THROATS, _SIZES = 0, 2, 3  # stage 1 is pouring
+
+
+def _grown(recipe: Recipe, monitor: Monitor, *, is_scaled: bool) -> tuple[Packing, NDArray[np.float64] | None]:
+    """Return the bed, and the diameters [m] asked for, if any."""
+    domain, grains = recipe.domain.make(), recipe.grains
+    with monitor.stage("Placing seeds"):
+        seeds = place(recipe.seeds, domain, stream(recipe, _SEEDS))
+    if recipe.seeds.relax:
+        with monitor.stage("Relaxing seeds") as tell:
+            total = recipe.seeds.relax
+            seeds = relax(
+                seeds,
+                domain,
+                iterations=total,
+                progress=lambda done: tell(done / total, f"iteration {done} of {total}"),
+            )
+    wanted = None
+    with monitor.stage("Growing grains"):
+        if grains.sizes is None:
+            cells = tessellate(seeds, domain)
+        else:
+            cells, wanted = sized(grains.sizes, seeds, domain, stream(recipe, _SIZES))
+        return shape(grains, cells, stream(recipe, _THROATS), wanted=wanted, is_scaled=is_scaled), wanted
+
+
+def _counted(recipe: Recipe, tell: Callable[[float, str], None]) -> tuple[Recipe, int]:
+    """Return the recipe with the number of seeds whose grains come nearest to the size asked for, and that number."""
+    power = 2 if recipe.domain.make().is_planar else 3
+    most = _room(recipe, power)
+    # Without throats, which change no size.
+    plain = recipe.model_copy(update={"grains": recipe.grains.model_copy(update={"throats": None})})
+    n = max(1, min(round(most), PILOT))
+    tried: dict[int, float] = {}
+    while n not in tried and len(tried) < _BEDS:
+        tell(len(tried) / _BEDS, f"{n} seeds")
+        bed, wanted = _grown(_with_count(plain, n), Silent(), is_scaled=False)
+        tried[n] = size_ratio(recipe.grains, bed, wanted)
+        # Cells are as many times smaller as there are more of them.
+        needed = n * tried[n] ** power
+        _refuse_more(needed)
+        n = max(1, round(needed))
+    best = min(tried, key=lambda count: abs(np.log(tried[count])))
+    return _with_count(recipe, best), best
+
+
+def _room(recipe: Recipe, power: int) -> float:
+    """Return how many grains of the size asked for the domain would hold if they filled it."""
+    domain, grains = recipe.domain.make(), recipe.grains
+    volume = domain.volume / domain.lengths[2] if domain.is_planar else domain.volume
+    if grains.diameter is not None:
+        mean = grains.diameter[1] ** power
+    elif grains.sizes is not None:
+        mean = float((grains.sizes.draw(4096, stream(recipe, _SIZES)) ** power).mean())
+    else:
+        raise InputError("the number of seeds follows from a size only")
+    room = float(volume / mean * (4 / np.pi if domain.is_planar else 6 / np.pi))
+    _refuse_more(room)
+    if not room >= 1:
+        raise InputError(
+            f"the domain, {' × '.join(f'{length:g}' for length in domain.lengths)} m, is too small for one grain of "
+            f"the size asked for"
+        )
+    return room
+
+
+def _refuse_more(count: float) -> None:
+    if not count <= MOST_SEEDS:
+        raise InputError(
+            f"the size asked for takes {count:.3g} seeds in that domain, at most {MOST_SEEDS} are allowed; "
+            f"are both in metres?"
+        )
+
+
+def _with_count(recipe: Recipe, count: int) -> Recipe:
+    return recipe.model_copy(update={"seeds": recipe.seeds.model_copy(update={"count": count})})
