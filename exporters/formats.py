@@ -42,6 +42,8 @@ FORMATS = {
     "3mf": Format("exporters.meshes.threemf", (".3mf",)),
     "vtk": Format("exporters.meshes.vtk", (".vtp", ".vtu")),
     "msh": Format("exporters.meshes.msh", (".msh",)),
+    "grains": Format("exporters.tables.grains", (".csv", ".parquet")),
+    "contacts": Format("exporters.tables.contacts", (".graphml", ".csv", ".parquet", ".vtp")),
     "openfoam": Format("exporters.openfoam"),
 }
 """Name of a format and its row. A suffix that several share is that of the first; the others go by name."""

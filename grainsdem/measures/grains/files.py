@@ -50,12 +50,17 @@ def write_table(rows: NDArray[np.void], path: str | os.PathLike[str]) -> Path:
         If PyArrow, which writes Parquet, is not installed.
     """
     target = check_table(path)
-    if rows.dtype.names is None or rows.ndim != 1:
-        raise ShapeError(f"a table must be a structured array of shape (n,); got {rows.dtype} of shape {rows.shape}")
-    content = _WRITERS[target.suffix.lower()](rows)
+    content = table_content(rows, target.suffix.lower())
     with replacing(target) as temporary:
         temporary.write_bytes(content)
     return target
+
+
+def table_content(rows: NDArray[np.void], suffix: str) -> bytes:
+    """Return what `write_table` writes under a suffix that `check_table` lets through; it raises the same errors."""
+    if rows.dtype.names is None or rows.ndim != 1:
+        raise ShapeError(f"a table must be a structured array of shape (n,); got {rows.dtype} of shape {rows.shape}")
+    return _WRITERS[suffix](rows)
 
 
 def write_csv(rows: NDArray[np.void], path: str | os.PathLike[str]) -> Path:

@@ -52,20 +52,23 @@ def write_edges(graph: ContactGraph, path: str | os.PathLike[str], *, packing: P
         If PyArrow, which writes Parquet, is not installed.
     """
     path = check_edges(path)
-    if packing is not None and len(packing) != graph.n_grains:
-        raise ShapeError(f"the packing must have the graph's {graph.n_grains} grains; got {len(packing)}")
-    suffix = path.suffix.lower()
-    if suffix == ".vtp":
-        if packing is None:
-            raise ShapeError("lines between grains need packing=: the graph does not know where the grains are")
-        content = _vtp(graph, packing).encode()
-    elif suffix == ".parquet":
-        content = _parquet(graph)
-    else:
-        content = (_csv(graph) if suffix == ".csv" else _graphml(graph, packing)).encode()
+    content = edges_content(graph, path.suffix.lower(), packing=packing)
     with replacing(path) as temporary:
         temporary.write_bytes(content)
     return path
+
+
+def edges_content(graph: ContactGraph, suffix: str, *, packing: Packing | None = None) -> bytes:
+    """Return what `write_edges` writes to a file of one of `SUFFIXES`; it raises the same errors."""
+    if packing is not None and len(packing) != graph.n_grains:
+        raise ShapeError(f"the packing must have the graph's {graph.n_grains} grains; got {len(packing)}")
+    if suffix == ".vtp":
+        if packing is None:
+            raise ShapeError("lines between grains need packing=: the graph does not know where the grains are")
+        return _vtp(graph, packing).encode()
+    if suffix == ".parquet":
+        return _parquet(graph)
+    return (_csv(graph) if suffix == ".csv" else _graphml(graph, packing)).encode()
 
 
 def check_edges(path: str | os.PathLike[str]) -> Path:

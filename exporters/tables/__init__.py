@@ -1,0 +1,1 @@
+"""Tables and graphs: the grains' measures, and who touches whom."""
