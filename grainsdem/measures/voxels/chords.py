@@ -1,0 +1,161 @@
+"""Chords of both phases, and the surface that they, or pairs of voxels, tell of."""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import TYPE_CHECKING, Literal, NamedTuple
+
+import numpy as np
+
+from grainsdem.errors import InputError
+from grainsdem.geometry.raster.lattice import OUTSIDE, VOID
+from grainsdem.geometry.raster.lines import count_pairs, run_lengths
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from grainsdem.measures.voxels.labels import Voxels
+
+    Floats = NDArray[np.float64]
+
+
+class Chords(NamedTuple):
+    """How often a straight line has chords of each length.
+
+    Parameters
+    ----------
+    lengths : ndarray, shape (m,)
+        Lengths [m]: whole numbers of voxels.
+    solid, void : ndarray of int64, shape (m,)
+        Number of chords in grains and in the void between grains.
+    """
+
+    lengths: Floats
+    solid: NDArray[np.int64]
+    void: NDArray[np.int64]
+
+    def mean(self, phase: Literal["solid", "void"]) -> float:
+        """Return the mean length [m] of the chords of a phase; NaN where there is none."""
+        counts = self.solid if phase == "solid" else self.void
+        total = int(counts.sum())
+        return float(counts @ self.lengths / total) if total else float("nan")
+
+
+def chord_lengths(voxels: Voxels, axis: Literal["x", "y", "z"] = "x") -> Chords:
+    """Return how often lines along an axis have chords of each length, in grains and in the void.
+
+    Parameters
+    ----------
+    voxels : Voxels
+        Any voxels.
+    axis : {"x", "y", "z"}
+        Direction of the lines: one through each row of voxels.
+
+    Returns
+    -------
+    Chords
+        Chords that the end of a row cuts are left out, as are those that end outside the domain; across a periodic
+        axis they go on. A chord in grains may run through several that touch.
+
+    Raises
+    ------
+    InputError
+        If the axis is another.
+
+    Notes
+    -----
+    Of a convex body and lines from all sides the mean chord is 4 V / A (Cauchy); of the solid and the void of a bed
+    4 φ / s and 4 (1 - φ) / s, s its specific surface.
+    """
+    if axis not in ("x", "y", "z"):
+        raise InputError(f"axis must be 'x', 'y' or 'z'; got {axis!r}")
+    number = "xyz".index(axis)
+    phase = np.where(voxels.labels == OUTSIDE, -1, voxels.labels > VOID).astype(np.int8)
+    rows = np.ascontiguousarray(np.moveaxis(phase, 2 - number, -1)).reshape(-1, phase.shape[2 - number])
+    solid, void = run_lengths(rows, wraps=bool(voxels.periodic[number]))
+    used = np.flatnonzero(solid + void)
+    n = int(used[-1]) + 1 if used.size else 1
+    return Chords(voxels.spacing[number] * np.arange(n), solid[:n], void[:n])
+
+
+def specific_surface(voxels: Voxels, *, method: Literal["correlation", "crofton"] = "correlation") -> float:
+    """Return the surface [m⁻¹] between grains and void in a unit of volume.
+
+    Parameters
+    ----------
+    voxels : Voxels
+        Any voxels. Gaps narrower than a voxel are not seen, and neither is the surface in them.
+    method : {"correlation", "crofton"}
+        From the slope of the two-point correlation at its beginning, or from how often lines cross the surface.
+
+    Returns
+    -------
+    float
+        Area over volume of the domain within the box. In a planar bed, perimeter over area, which is the same of the
+        prisms' sides.
+
+    Raises
+    ------
+    InputError
+        If the method is another, or there are fewer than three voxels along an axis.
+
+    Notes
+    -----
+    ``"correlation"``: s = -4 S₂'(0), in a plane -π S₂'(0) (Debye 1957), with the slope along the axes of the parabola
+    through S₂ at none, one and two voxels. At edges S₂ bends with the square of the distance, which a parabola takes
+    up: the error falls as h².
+
+    ``"crofton"``: s = 2 P, in a plane (π / 2) P, with P the crossings of a unit of line, in the mean over the 13
+    directions, or 4, to the nearest voxels, each weighted with the part of the sphere that is nearest to it. A line
+    that leaves and enters a phase between two voxels is not seen to cross, most often beside an edge: the error falls
+    as h, and s is too small. Beds whose faces have favoured directions want this method, since it has more of them.
+    """
+    if method not in ("correlation", "crofton"):
+        raise InputError(f"method must be 'correlation' or 'crofton'; got {method!r}")
+    axes = [2, 1] if voxels.is_layer else [2, 1, 0]
+    if min(voxels.labels.shape[axis] for axis in axes) < 3:
+        raise InputError(f"a surface needs three voxels along each axis; got shape {voxels.labels.shape}")
+    return _by_slope(voxels, axes) if method == "correlation" else _by_crossings(voxels, axes)
+
+
+def _by_slope(voxels: Voxels, axes: list[int]) -> float:
+    slopes = []
+    for axis in axes:
+        mixed = []
+        for steps in (1, 2):
+            offset = [0, 0, 0]
+            offset[axis] = steps
+            pairs, _, differ = count_pairs(voxels.labels, (offset[0], offset[1], offset[2]), voxels.periodic[::-1])
+            mixed.append(0.5 * differ / max(pairs, 1))
+        # φ - S₂ at one and two voxels; the parabola through zero has this slope.
+        slopes.append((2 * mixed[0] - 0.5 * mixed[1]) / float(voxels.spacing[2 - axis]))
+    return float(np.mean(slopes)) * (np.pi if len(axes) == 2 else 4.0)
+
+
+def _by_crossings(voxels: Voxels, axes: list[int]) -> float:
+    is_plane = len(axes) == 2
+    spacing = voxels.spacing[::-1]
+    offsets = [(k, j, i) for k, j, i in product((-1, 0, 1), repeat=3) if (k, j, i) > (0, 0, 0) and not (is_plane and k)]
+    arms = np.array(offsets) * spacing
+    steps = np.linalg.norm(arms, axis=1)
+    weights = _nearest_shares(arms / steps[:, None], is_plane=is_plane)
+    crossings = 0.0
+    for offset, step, weight in zip(offsets, steps, weights, strict=True):
+        pairs, _, differ = count_pairs(voxels.labels, offset, voxels.periodic[::-1])
+        crossings += weight * differ / (max(pairs, 1) * step)
+    return float(crossings) * (0.5 * np.pi if is_plane else 2.0)
+
+
+def _nearest_shares(directions: Floats, *, is_plane: bool) -> Floats:
+    """Return the share of the circle or sphere that is nearest to each direction, or to its opposite."""
+    n = 100_000
+    k = np.arange(n) + 0.5
+    if is_plane:
+        angles = np.pi * k / n
+        points = np.column_stack([np.zeros(n), np.sin(angles), np.cos(angles)])
+    else:
+        # Points of equal area along a golden spiral.
+        z, angles = 1 - 2 * k / n, np.pi * (1 + np.sqrt(5)) * k
+        points = np.column_stack([z, np.sqrt(1 - z**2) * np.sin(angles), np.sqrt(1 - z**2) * np.cos(angles)])
+    nearest = np.abs(points @ directions.T).argmax(axis=1)
+    return np.bincount(nearest, minlength=len(directions)) / n
