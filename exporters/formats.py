@@ -44,6 +44,8 @@ FORMATS = {
     "msh": Format("exporters.meshes.msh", (".msh",)),
     "grains": Format("exporters.tables.grains", (".csv", ".parquet")),
     "contacts": Format("exporters.tables.contacts", (".graphml", ".csv", ".parquet", ".vtp")),
+    "rockable": Format("exporters.dem.rockable", (".conf",)),
+    "lammps": Format("exporters.dem.lammps", (".in",)),
     "openfoam": Format("exporters.openfoam"),
 }
 """Name of a format and its row. A suffix that several share is that of the first; the others go by name."""

@@ -1,0 +1,244 @@
+"""Grains as rigid bodies: masses about principal axes, and cores for programs that put a skin around every grain."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from exporters.check import measured
+from grainsdem.errors import InputError
+from grainsdem.geometry.integrals import face_planes, integrate
+from grainsdem.geometry.principal import principal_inertia
+from grainsdem.geometry.rotations import multiply, to_matrices
+from grainsdem.packing import inset
+from grainsdem.ragged import owners, sum_rows
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from exporters.dem.scene import SkinOptions
+    from grainsdem.model import Packing, Polyhedra
+
+    Floats = NDArray[np.float64]
+
+_logger = logging.getLogger(__name__)
+
+BLOCK = 1024
+"""Grains that are made into text at once, so that a file never is in memory as a whole."""
+
+
+class Bodies(NamedTuple):
+    """What moves when a grain moves.
+
+    Parameters
+    ----------
+    volumes : ndarray, shape (n,)
+        Volumes [m³] of the grains as they are, without any skin or inset.
+    masses : ndarray, shape (n,)
+        Masses [kg] of those.
+    moments : ndarray, shape (n, 3)
+        Their principal moments of inertia [kg m²], smallest first.
+    axes : ndarray, shape (n, 4)
+        Rotation (w, x, y, z) from the principal axes to each grain's frame.
+    centroids : ndarray, shape (n, 3)
+        Centres of mass [m] in each grain's frame.
+    centres : ndarray, shape (n, 3)
+        Centres of mass [m] in the world.
+    orientations : ndarray, shape (n, 4)
+        Rotation (w, x, y, z) from the principal axes to the world.
+    """
+
+    volumes: Floats
+    masses: Floats
+    moments: Floats
+    axes: Floats
+    centroids: Floats
+    centres: Floats
+    orientations: Floats
+
+    @property
+    def diameters(self) -> Floats:
+        """Diameters [m] of the spheres of equal volume, shape (n,)."""
+        return np.asarray(np.cbrt(6 / np.pi * self.volumes))
+
+
+def bodies(packing: Packing) -> Bodies:
+    """Return the grains of a packing as rigid bodies.
+
+    Raises
+    ------
+    InputError
+        If the packing is empty, holds numbers that are not finite, or grains without volume.
+    """
+    integrals = measured(packing)
+    moments, axes = principal_inertia(integrals.inertias * packing.densities[:, None, None])
+    turned = np.einsum("nij,nj->ni", to_matrices(packing.quaternions), integrals.centroids)
+    return Bodies(
+        integrals.volumes,
+        integrals.volumes * packing.densities,
+        moments,
+        axes,
+        integrals.centroids,
+        packing.positions + turned,
+        multiply(packing.quaternions, axes),
+    )
+
+
+def vertices_in(shapes: Polyhedra, origins: Floats, quaternions: Floats, digits: Floats) -> Floats:
+    """Return the vertices [m] as seen from frames at ``origins``, turned by ``quaternions``, shape (n_vertices, 3).
+
+    Parameters
+    ----------
+    shapes : Polyhedra
+        Grains in their own frames.
+    origins : ndarray, shape (n, 3)
+        Where each frame lies [m] in the grain's own.
+    quaternions : ndarray, shape (n, 4)
+        Rotation (w, x, y, z) from each frame to the grain's own.
+    digits : ndarray, shape (n,)
+        Lengths [m] of which the result has twelve decimals: noise around zero is not written as numbers of its own.
+    """
+    counts = np.diff(shapes.vertex_offsets)
+    matrices = np.repeat(to_matrices(quaternions), counts, axis=0)
+    seen = np.einsum("nji,nj->ni", matrices, shapes.vertices - np.repeat(origins, counts, axis=0))
+    unit = np.repeat(digits, counts)[:, None]
+    return np.asarray((seen / unit).round(12) * unit)
+
+
+class Edges(NamedTuple):
+    """Edges of closed polyhedra, each once.
+
+    Parameters
+    ----------
+    ends : ndarray of int32, shape (m, 2)
+        Vertices, local to the polyhedron, the lower first.
+    offsets : ndarray of int64, shape (n + 1,)
+        Edges of polyhedron i are ``ends[offsets[i]:offsets[i + 1]]``.
+    faces : ndarray of int64, shape (m, 2)
+        The two faces that meet in each edge.
+    """
+
+    ends: NDArray[np.int32]
+    offsets: NDArray[np.int64]
+    faces: NDArray[np.int64]
+
+
+def edges(shapes: Polyhedra) -> Edges:
+    """Return the edges of closed polyhedra."""
+    corners, offsets = shapes.face_vertices, shapes.face_vertex_offsets
+    following = np.arange(1, corners.size + 1)
+    following[offsets[1:] - 1] = offsets[:-1]
+    face = owners(offsets)
+    grain = owners(shapes.face_offsets)[face]
+    low, high = np.minimum(corners, corners[following]), np.maximum(corners, corners[following])
+    # One number an edge, in the order of the grains; its two sides become neighbours.
+    widest = int(np.diff(shapes.vertex_offsets).max())
+    order = np.argsort((shapes.vertex_offsets[grain] + low) * widest + high, kind="stable")
+    first, second = order[::2], order[1::2]
+    ends = np.column_stack([low[first], high[first]])
+    counts = np.bincount(grain[first], minlength=len(shapes))
+    return Edges(ends, np.append(0, np.cumsum(counts)), np.column_stack([face[first], face[second]]))
+
+
+class Rounded(NamedTuple):
+    """Grains as a core and a sphere that is swept over it: what programs with a skin move.
+
+    Parameters
+    ----------
+    cores : Polyhedra
+        Every face moved inward by the radius, each in its grain's own frame.
+    edges : Edges
+        Those of the cores.
+    radii : ndarray, shape (n,)
+        Radius [m] of each grain's sphere.
+    volumes : ndarray, shape (n,)
+        Volumes [m³] of the swept cores.
+    """
+
+    cores: Polyhedra
+    edges: Edges
+    radii: Floats
+    volumes: Floats
+
+
+def rounded(packing: Packing, sizes: Bodies, rounding: float) -> Rounded:
+    """Return the grains with rounded edges, inside what they were: their faces stay, and no gap becomes smaller.
+
+    Parameters
+    ----------
+    packing : Packing
+        Convex grains.
+    sizes : Bodies
+        The same grains as bodies.
+    rounding : float
+        Radius of the sphere in diameters of each grain.
+
+    Raises
+    ------
+    InputError
+        If a grain is so flat that nothing is left of it, or not convex.
+
+    Notes
+    -----
+    A core of volume V, surface A and edges of length l between faces whose normals are an angle θ apart, swept by a
+    sphere of radius r, has the volume V + A r + r²/2 Σ l θ + 4/3 π r³ (Steiner 1840).
+    """
+    radii = rounding * sizes.diameters
+    # The upper and lower faces of a planar bed have a skin too.
+    solid = replace(packing, domain=replace(packing.domain, is_planar=False), links=None)
+    try:
+        moved = inset(solid, radii)
+    except InputError as error:
+        raise InputError(f"rounding by {rounding:g} of a diameter: {error}") from error
+    steps = np.einsum("nji,nj->ni", to_matrices(packing.quaternions), moved.positions - packing.positions)
+    shapes = moved.grains
+    cores = replace(shapes, vertices=shapes.vertices + np.repeat(steps, np.diff(shapes.vertex_offsets), axis=0))
+    found = edges(cores)
+    owner = owners(found.offsets)
+    starts = cores.vertex_offsets[owner]
+    lengths = np.linalg.norm(
+        cores.vertices[starts + found.ends[:, 1]] - cores.vertices[starts + found.ends[:, 0]], axis=1
+    )
+    a, b = (face_planes(cores).normals[found.faces[:, side]] for side in range(2))
+    angles = np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.einsum("ij,ij->i", a, b))
+    bends = sum_rows(lengths * angles, found.offsets)
+    core = integrate(cores)
+    swept = core.volumes + core.areas * radii + bends / 2 * radii**2 + 4 / 3 * np.pi * radii**3
+    _logger.info("rounding took %.3g of the grains' volume", 1 - swept.sum() / sizes.volumes.sum())
+    return Rounded(cores, found, radii, swept)
+
+
+def report(packing: Packing, options: SkinOptions) -> dict[str, float]:
+    """Return what the rounding does to the grains: its radii [m], and the part of their volume that it takes."""
+    sizes = bodies(packing)
+    return _lost(rounded(packing, sizes, options.rounding), sizes)
+
+
+def rounding_comment(skin: Rounded, sizes: Bodies) -> str:
+    """Return the same as one sentence for a file's comments."""
+    told = _lost(skin, sizes)
+    return (
+        f"Rounding the edges by {told['smallest_rounding_radius']:.6g} to {told['largest_rounding_radius']:.6g} m took "
+        f"{100 * told['volume_lost']:.4g} % of the volume, {100 * told['largest_volume_lost_by_a_grain']:.4g} % of one "
+        "grain at most; masses and inertias are those of the sharp grains."
+    )
+
+
+def _lost(skin: Rounded, sizes: Bodies) -> dict[str, float]:
+    return {
+        "smallest_rounding_radius": float(skin.radii.min()),
+        "largest_rounding_radius": float(skin.radii.max()),
+        "volume_lost": float(1 - skin.volumes.sum() / sizes.volumes.sum()),
+        "largest_volume_lost_by_a_grain": float((1 - skin.volumes / sizes.volumes).max()),
+    }
+
+
+def blocks(n_grains: int) -> Iterator[slice]:
+    """Yield slices of at most `BLOCK` grains."""
+    for start in range(0, n_grains, BLOCK):
+        yield slice(start, min(start + BLOCK, n_grains))

@@ -1,0 +1,212 @@
+"""Rockable and exaDEM: a configuration, and a library of sphero-polyhedra with one shape a grain."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from string import Template
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from exporters.check import grain_names
+from exporters.dem.bodies import blocks, bodies, report, rounded, rounding_comment, vertices_in
+from exporters.dem.scene import SkinOptions, check_word, down, height, springs, walls
+from exporters.text import filled, rows_of_text, table_of_text
+from grainsdem.geometry.rotations import world_vertices
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from numpy.typing import NDArray
+
+    from exporters.dem.bodies import Bodies, Rounded
+    from exporters.dem.scene import Walls
+    from grainsdem.model import Packing
+
+    Floats = NDArray[np.float64]
+
+__all__ = ["LOSES", "Options", "files", "report"]
+
+_HEADER = Template("""\
+Rockable 21-08-2022
+# $name: $n_grains grains in SI, shape g000007 is grain 7. $rounding
+# Run in this file's folder: the library of shapes is looked for there.
+t 0
+tmax $duration
+dt $time_step
+interVerlet $update
+interConf $save
+DVerlet $far
+dVerlet $near
+AddOrRemoveInteractions OBBtree
+$densities
+gravity $gravity
+forceLaw Default
+$contacts
+nDriven $n_walls
+shapeFile $name.shp
+Particles $n_bodies
+""")
+
+_SHAPE = """\
+<
+name %s
+radius %s
+preCompDone y
+nv %s
+%sne %s
+%snf %s
+%sobb.extent %s
+obb.e1 1 0 0
+obb.e2 0 1 0
+obb.e3 0 0 1
+obb.center %s
+volume %s
+I/m %s
+>
+"""
+
+
+Options = SkinOptions
+
+LOSES = (
+    "Edges are rounded: each grain is its faces moved inward and a sphere swept over the rest, inside what it was.",
+    "Where densities differ, one stands for all, and the volume of a shape is its mass over that.",
+    "Periodic axes become walls.",
+)
+"""What the format does not carry."""
+
+
+def files(
+    packing: Packing, *, name: str = "bed", suffix: str = ".conf", options: SkinOptions | None = None
+) -> dict[str, bytes | Iterable[bytes]]:
+    """Return the configuration and the library of shapes beside it: ``{"bed.conf": …, "bed.shp": …}``.
+
+    Shape ``g000007`` is grain 7, about its centre of mass and along its principal axes; masses and inertias are those
+    of the sharp grains.
+
+    Raises
+    ------
+    InputError
+        If the packing is empty or not finite, a grain vanishes by the rounding, or the name is not one word.
+    """
+    check_word(name)
+    options = options or SkinOptions()
+    sizes = bodies(packing)
+    skin = rounded(packing, sizes, options.rounding)
+    container = walls(packing, world_vertices(packing), options.walls)
+    return {
+        f"{name}{suffix}": _configuration(packing, sizes, skin, container, name=name, options=options),
+        f"{name}.shp": _library(sizes, skin, container, float(packing.densities[0])),
+    }
+
+
+def _configuration(
+    packing: Packing, sizes: Bodies, skin: Rounded, container: Walls, *, name: str, options: SkinOptions
+) -> Iterator[bytes]:
+    """Yield the file of settings and poses, the driven walls first."""
+    n, k = len(packing), len(container.names)
+    d = float(np.median(sizes.diameters))
+    drop = height(packing, world_vertices(packing))
+    law = springs(sizes, options.depth * skin.radii, drop, options.gravity, steps=50)
+    time = float(np.sqrt(d / options.gravity))
+    contact = {
+        "knContact": law.stiffness,
+        "en2Contact": options.restitution**2,
+        "ktContact": law.stiffness,
+        "muContact": options.friction,
+        "krContact": 0.0,
+        "murContact": 0.0,
+    }
+    header = _HEADER.substitute(
+        name=name,
+        n_grains=n,
+        rounding=rounding_comment(skin, sizes),
+        duration=f"{options.duration * time:.9g}",
+        time_step=f"{law.time_step:.9g}",
+        # The neighbours' list lives for 35 steps: what a grain that fell from the top moves meanwhile is far nearer.
+        update=f"{35 * law.time_step:.9g}",
+        save=f"{options.duration * time / 100:.9g}",
+        far=f"{0.1 * d:.9g}",
+        near=f"{0.05 * d:.9g}",
+        # exaDEM wants a density for every shape, Rockable for every group.
+        densities="\n".join(f"density {shape} {packing.densities[0]:.12g}" for shape in range(max(n + k, 2))),
+        gravity=rows_of_text(options.gravity * down(packing), [3])[0],
+        contacts="\n".join(f"{key} {pair} {value:.9g}" for key, value in contact.items() for pair in ("0 1", "1 1")),
+        n_walls=k,
+        n_bodies=n + k,
+    )
+    yield header.encode()
+    # A plate's skin reaches the wall's surface.
+    behind = container.centres - _plate_radius(skin) * container.normals
+    yield _bodies(container.names, 0, behind, container.quaternions)
+    names = grain_names(packing)
+    for block in blocks(n):
+        yield _bodies(names[block], 1, sizes.centres[block], sizes.orientations[block])
+
+
+def _plate_radius(skin: Rounded) -> float:
+    """Return the rounding radius [m] of the walls."""
+    return float(np.median(skin.radii))
+
+
+def _bodies(names: list[str], group: int, centres: Floats, quaternions: Floats) -> bytes:
+    """Return one line a body: shape, group, cluster, scale, pose and derivatives of that, which are zero."""
+    places, turns = table_of_text(centres, digits=15), table_of_text(quaternions, digits=15)
+    rows = zip(names, places, turns, strict=True)
+    still = "0 0 0 0 0 0"
+    return "".join([f"{name} {group} 0 1 {at} {still} {turn} {still}\n" for name, at, turn in rows]).encode()
+
+
+def _library(sizes: Bodies, skin: Rounded, container: Walls, density: float) -> Iterator[bytes]:
+    """Yield the shapes: the grains, then the walls as plates with one face."""
+    yield b"# sphero-polyhedra in SI, each about its centre of mass and along its principal axes\n"
+    cores = skin.cores
+    vertices = vertices_in(cores, sizes.centroids, sizes.axes, sizes.diameters)
+    for block in blocks(len(cores)):
+        yield _shapes(vertices, sizes, skin, density, block)
+    radius = _plate_radius(skin)
+    for name, (a, b) in zip(container.names, container.halves.tolist(), strict=True):
+        yield _plate(name, a, b, radius)
+
+
+def _shapes(vertices: Floats, sizes: Bodies, skin: Rounded, density: float, block: slice) -> bytes:
+    """Return a block of grains as shapes; what can be said of them in one form is made in one go."""
+    cores, found = skin.cores, skin.edges
+    bounds = slice(block.start, block.stop + 1)
+    of_vertices, of_edges, of_faces = cores.vertex_offsets[bounds], found.offsets[bounds], cores.face_offsets[bounds]
+    seen = vertices[of_vertices[0] : of_vertices[-1]]
+    starts = of_vertices[:-1] - of_vertices[0]
+    lower, upper = np.minimum.reduceat(seen, starts), np.maximum.reduceat(seen, starts)
+    radii = skin.radii[block]
+    counts = np.diff(cores.face_vertex_offsets[of_faces[0] : of_faces[-1] + 1])
+    corners = cores.face_vertices[cores.face_vertex_offsets[of_faces[0]] : cores.face_vertex_offsets[of_faces[-1]]]
+    faces = [f"{count} {row}\n" for count, row in zip(counts.tolist(), rows_of_text(corners, counts), strict=True)]
+    cuts = (of_faces - of_faces[0]).tolist()
+    rows = zip(
+        [f"g{grain:06d}" for grain in range(block.start, block.stop)],
+        table_of_text(radii[:, None], digits=12),
+        np.diff(of_vertices).tolist(),
+        filled("%.12g %.12g %.12g\n", seen, np.diff(of_vertices)),
+        np.diff(of_edges).tolist(),
+        filled("%d %d\n", found.ends[of_edges[0] : of_edges[-1]], np.diff(of_edges)),
+        np.diff(of_faces).tolist(),
+        ["".join(faces[first:last]) for first, last in pairwise(cuts)],
+        table_of_text((upper - lower) / 2 + radii[:, None], digits=12),
+        table_of_text((upper + lower) / 2, digits=12),
+        table_of_text((sizes.masses[block] / density)[:, None], digits=15),
+        table_of_text(sizes.moments[block] / sizes.masses[block][:, None], digits=15),
+        strict=True,
+    )
+    return "".join([_SHAPE % row for row in rows]).encode()
+
+
+def _plate(name: str, a: float, b: float, radius: float) -> bytes:
+    """Return a wall as a rectangle of half lengths [m] with a skin; its volume and inertia are those of a slab."""
+    vertices = filled("%.12g %.12g %.12g\n", np.array([-a, -b, 0, a, -b, 0, a, b, 0, -a, b, 0.0]), [4])[0]
+    moments = np.array([b * b + radius**2, a * a + radius**2, a * a + b * b]) / 3
+    numbers = np.array([a + radius, b + radius, radius, 8 * a * b * radius, *moments])
+    extent, volume, inertia = rows_of_text(numbers, [3, 1, 3], digits=12)
+    size = f"{radius:.12g}"
+    edge = "0 1\n1 2\n2 3\n3 0\n"
+    return (_SHAPE % (name, size, 4, vertices, 4, edge, 1, "4 0 1 2 3\n", extent, "0 0 0", volume, inertia)).encode()
