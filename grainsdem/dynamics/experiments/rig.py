@@ -34,6 +34,24 @@ HEAVY = 1e4
 RUNAWAY = 10.0
 """Mean kinetic energy of a grain [P d³] that no loading at these rates gives: the run has gone wrong."""
 
+REST_PRESSURE = 0.03
+"""How near one every pressure must be for a bed to count as compressed."""
+
+REST_ENERGY = 1e-4
+"""Mean kinetic energy of a grain [P d³] below which it does: flickering contacts leave 1e-5."""
+
+REST_SAMPLES = 5
+"""How many samples in a row must be so."""
+
+COMPRESSION_LIMIT = 60.0
+"""Time [t] after which a bed is sheared although it has not come to rest."""
+
+RAMP_TIME = 1.0
+"""Time [t] in which driven parts get up to speed."""
+
+N_SAMPLES = 200
+"""Samples of a shearing run, or fewer where they would be closer than the loop's own."""
+
 Report = TypeVar("Report")
 
 
@@ -197,6 +215,88 @@ class Trial(Loop):
         self.meter.forget(memory["loads"])
 
 
+class Staged(Trial):
+    """A run in two stages: the bed is compressed until it is at rest, then sheared to a strain.
+
+    Parameters
+    ----------
+    scene, record, meter, tell
+        As in `Trial`.
+    options : mapping
+        ``strain`` to go to, ``inertial_number``, ``friction``, and ``compaction_friction`` or none.
+    """
+
+    def __init__(
+        self, scene: Scene, record: Record, meter: Meter, tell: Tell | None, options: Mapping[str, Any]
+    ) -> None:
+        super().__init__(scene, record, meter, tell)
+        self.strain, self.rate = options["strain"], options["inertial_number"]
+        self._frictions = options["compaction_friction"], options["friction"]
+        self.begun: dict[str, Any] | None = None
+        """What is remembered of the moment when shear began."""
+        self._set_friction()
+
+    def mark(self) -> dict[str, Any]:
+        """Return what to remember of the present state when shear begins, as JSON values."""
+        raise NotImplementedError
+
+    def strain_of(self, row: Any) -> float:
+        """Return the strain of a sample."""
+        raise NotImplementedError
+
+    def pressures_of(self, row: Any) -> tuple[float, ...]:
+        """Return what must be one in a sample of a compressed bed."""
+        raise NotImplementedError
+
+    def words(self, row: Any) -> str:
+        """Return a few words on a sample of the shear."""
+        raise NotImplementedError
+
+    def ramp(self) -> float:
+        """Return the share of its speed that a driven part has, 0 before shear begins."""
+        return min(1.0, (self.scene.engine.time - self.begun["time"]) / RAMP_TIME) if self.begun else 0.0
+
+    def sheared(self) -> list[Any]:
+        """Return the samples of the shear."""
+        return [row for row in self.samples if row.stage == 1.0]
+
+    def is_over(self) -> bool:
+        """Return whether the strain is reached."""
+        return self.begun is not None and self.strain_of(self.samples[-1]) >= self.strain
+
+    def keep(self, now: Any) -> None:
+        """Begin to shear once the bed is compressed, and tell how far the run is."""
+        if self.begun is not None:
+            self.tell(self.strain_of(now) / self.strain, self.words(now))
+            return
+        self.tell(0.0, f"compressing: solid fraction {now.solid_fraction:.3f}, {now.kinetic_energy:.0e} P d³")
+        is_at_rest = len(self.samples) > REST_SAMPLES and all(map(self._is_at_rest, self.samples[-REST_SAMPLES:]))
+        if is_at_rest or now.time > COMPRESSION_LIMIT:
+            self.begun = {"time": now.time, "is_at_rest": bool(is_at_rest), **self.mark()}
+            self.sample_time = max(self.sample_time, self.strain / self.rate / N_SAMPLES)
+            self._set_friction()
+
+    def memory(self) -> dict[str, Any]:
+        """Return what the run remembers besides state and samples, as JSON values."""
+        return {**super().memory(), "begun": self.begun, "sample_time": self.sample_time}
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Take back what `memory` gave."""
+        super().recall(memory)
+        self.begun, self.sample_time = memory["begun"], memory["sample_time"]
+        self._set_friction()
+
+    def _is_at_rest(self, row: Any) -> bool:
+        """Return whether a bed is compressed: its apparatus bears the pressure, and grains hardly move."""
+        near = all(abs(pressure - 1) < REST_PRESSURE for pressure in self.pressures_of(row))
+        return near and row.kinetic_energy < REST_ENERGY
+
+    def _set_friction(self) -> None:
+        """Give the grains the friction of the present stage."""
+        compaction, shear = self._frictions
+        self.scene.engine.set_friction(shear if self.begun or compaction is None else compaction)
+
+
 def assemble(
     packing: Packing, options: MjcfOptions, furnish: Callable[[Apparatus], None], *, spheres: bool = False
 ) -> Scene:
@@ -234,3 +334,9 @@ def smooth(values: NDArray[np.float64], span: int) -> NDArray[np.float64]:
     """Return the running mean over ``span`` samples, shape (n − span + 1,); of all of them where there are fewer."""
     span = max(1, min(span, len(values)))
     return np.convolve(values, np.full(span, 1.0 / span), mode="valid")
+
+
+def highest(values: NDArray[np.float64], strains: NDArray[np.float64], width: float) -> tuple[int, int]:
+    """Return how many samples a width of strain spans, and where their running mean is highest."""
+    span = max(1, min(len(values), round(width / float(strains[-1]) * len(values))))
+    return span, int(np.argmax(smooth(values, span)))

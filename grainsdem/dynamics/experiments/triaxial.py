@@ -12,10 +12,11 @@ from grainsdem.dynamics.experiments.cell import LIMIT_SPEED, Cell
 from grainsdem.dynamics.experiments.rig import (
     JsonReport,
     Outcome,
-    Trial,
+    Staged,
     assemble,
     check_frictions,
     check_ranges,
+    highest,
     pressure_gravity,
     smooth,
 )
@@ -37,24 +38,6 @@ if TYPE_CHECKING:
     from grainsdem.model import Packing
 
     Floats = NDArray[np.float64]
-
-REST_PRESSURE = 0.03
-"""How near one the pressure on every wall must be for the bed to count as compressed."""
-
-REST_ENERGY = 1e-4
-"""Mean kinetic energy of a grain [P d³] below which it does: flickering contacts leave 1e-5."""
-
-REST_SAMPLES = 5
-"""How many samples in a row must be so."""
-
-COMPRESSION_LIMIT = 60.0
-"""Time [t] after which a bed is sheared although it has not come to rest."""
-
-RAMP_TIME = 1.0
-"""Time [t] in which the driven walls get up to speed."""
-
-N_SAMPLES = 200
-"""Samples of a shearing run, or fewer where they would be closer than `SAMPLE_TIME`."""
 
 PEAK_SPAN = 0.05
 """Axial strain over which stresses are averaged before their peak is looked for."""
@@ -251,7 +234,7 @@ def _build(packing: Packing, options: MjcfOptions, *, spheres: bool) -> tuple[Sc
     return assemble(packing, options, cell.furnish, spheres=spheres), cell
 
 
-class _Triaxial(Trial):
+class _Triaxial(Staged):
     """Compression to rest, then shear."""
 
     experiment = "triaxial"
@@ -271,31 +254,21 @@ class _Triaxial(Trial):
     }
 
     def __init__(self, scene: Scene, cell: Cell, record: Record, tell: Tell | None, options: Mapping[str, Any]) -> None:
-        super().__init__(scene, record, cell.meter(scene.engine), tell)
         self.cell = cell
-        self.strain, self.rate = options["strain"], options["inertial_number"]
-        self.frictions = options["compaction_friction"], options["friction"]
         self.lateral = tuple(axis for axis in cell.axes if axis != cell.driven)
         self._volume = float(volumes(scene.source.grains).sum()) / scene.units.length**3
-        self._begun: dict[str, Any] | None = None
-        self.set_friction()
-
-    def set_friction(self) -> None:
-        """Give the grains the friction of the present stage."""
-        compaction, shear = self.frictions
-        self.scene.engine.set_friction(shear if self._begun or compaction is None else compaction)
+        super().__init__(scene, record, cell.meter(scene.engine), tell, options)
 
     def drive(self) -> None:
         """Push the walls, and drive two of them once the bed is compressed."""
         engine, cell = self.scene.engine, self.cell
-        if self._begun is None:
+        if self.begun is None:
             cell.hold(self.meter, engine, cell.axes, limit_speed=LIMIT_SPEED)
             return
         cell.hold(self.meter, engine, self.lateral)
         height = float(cell.lengths(engine)[cell.driven])
-        ramp = min(1.0, (engine.time - self._begun["time"]) / RAMP_TIME)
         for side in (0, 1):
-            self.meter.drive(f"{'xyz'[cell.driven]}{side}", -0.5 * self.rate * height * ramp)
+            self.meter.drive(f"{'xyz'[cell.driven]}{side}", -0.5 * self.rate * height * self.ramp())
 
     def measure(self) -> TriaxialSample:
         """Return the present sample."""
@@ -306,10 +279,10 @@ class _Triaxial(Trial):
         scales = self.scene.units
         inner = np.diag(stress(now, volume=volume * scales.length**3)) / scales.stress
         lateral = list(self.lateral)
-        first = lengths if self._begun is None else np.array(self._begun["lengths"])
+        first = lengths if self.begun is None else np.array(self.begun["lengths"])
         return TriaxialSample(
             time=engine.time,
-            stage=float(self._begun is not None),
+            stage=float(self.begun is not None),
             axial_strain=1.0 - float(lengths[cell.driven] / first[cell.driven]),
             volumetric_strain=volume / float(np.prod(first)) - 1.0,
             axial_stress=float(pressures[cell.driven]),
@@ -328,35 +301,22 @@ class _Triaxial(Trial):
         lower, upper = self.cell.bounds(self.scene.engine)
         return np.asarray(np.maximum(lower - positions, positions - upper)[:, self.cell.axes].max(axis=1))
 
-    def is_over(self) -> bool:
-        """Return whether the strain is reached."""
-        return self.samples[-1].axial_strain >= self.strain and self._begun is not None
+    def mark(self) -> dict[str, Any]:
+        """Return the sides [d] of the sample as shear begins."""
+        return {"lengths": self.cell.lengths(self.scene.engine).tolist()}
 
-    def keep(self, now: TriaxialSample) -> None:
-        """Begin to shear once the bed is compressed, and tell how far the run is."""
-        if self._begun is not None:
-            self.tell(
-                now.axial_strain / self.strain,
-                f"strain {now.axial_strain:.3f}, {np.degrees(_angles(now)):.1f}°, {now.volumetric_strain:+.3f}",
-            )
-            return
-        self.tell(0.0, f"compressing: solid fraction {now.solid_fraction:.3f}, {now.kinetic_energy:.0e} P d³")
-        is_at_rest = len(self.samples) > REST_SAMPLES and all(map(_is_at_rest, self.samples[-REST_SAMPLES:]))
-        if is_at_rest or now.time > COMPRESSION_LIMIT:
-            lengths = self.cell.lengths(self.scene.engine)
-            self._begun = {"time": now.time, "lengths": lengths.tolist(), "is_at_rest": bool(is_at_rest)}
-            self.sample_time = max(self.sample_time, self.strain / self.rate / N_SAMPLES)
-            self.set_friction()
+    def strain_of(self, row: TriaxialSample) -> float:
+        """Return the axial strain."""
+        return row.axial_strain
 
-    def memory(self) -> dict[str, Any]:
-        """Return what the run remembers besides state and samples, as JSON values."""
-        return {**super().memory(), "begun": self._begun, "sample_time": self.sample_time}
+    def pressures_of(self, row: TriaxialSample) -> tuple[float, ...]:
+        """Return the stresses that must be one in a compressed bed."""
+        return row.axial_stress, row.lateral_stress, row.axial_stress_contacts, row.lateral_stress_contacts
 
-    def recall(self, memory: Mapping[str, Any]) -> None:
-        """Take back what `memory` gave."""
-        super().recall(memory)
-        self._begun, self.sample_time = memory["begun"], memory["sample_time"]
-        self.set_friction()
+    def words(self, row: TriaxialSample) -> str:
+        """Return a few words on a sample of the shear."""
+        angle = np.degrees(friction_angle([row.axial_stress, row.lateral_stress]))
+        return f"strain {row.axial_strain:.3f}, {angle:.1f}°, {row.volumetric_strain:+.3f}"
 
     def in_si(self, row: TriaxialSample) -> TriaxialSample:
         """Return a sample as it is stored."""
@@ -372,7 +332,7 @@ class _Triaxial(Trial):
 
     def report(self) -> TriaxialReport:
         """Return what the shear measured."""
-        rows = [row for row in self.samples[1:] if row.stage == 1.0 and row.axial_strain > 0]
+        rows = self.sheared()
         axial, lateral, inner, strains, dilation = (
             np.array([getattr(row, name) for row in rows])
             for name in (
@@ -383,15 +343,14 @@ class _Triaxial(Trial):
                 "volumetric_strain",
             )
         )
-        span = max(1, round(PEAK_SPAN / strains[-1] * len(rows)))
-        smoothed = friction_angle(np.stack([smooth(axial, span), smooth(lateral, span)], axis=1))
+        span, peak = highest(axial / lateral, strains, PEAK_SPAN)
         last = strains >= (1 - CRITICAL_SHARE) * strains[-1]
-        peak, late = int(np.argmax(smoothed)), friction_angle([axial[last].mean(), lateral[last].mean()])
+        at_peak = friction_angle([smooth(axial, span)[peak], smooth(lateral, span)[peak]])
         slope = np.max((dilation[span:] - dilation[:-span]) / (strains[span:] - strains[:-span]), initial=-1.0)
-        begun = self._begun or {"is_at_rest": False}
+        begun = self.begun or {"is_at_rest": False}
         return TriaxialReport(
-            peak_friction_angle=float(smoothed[peak]),
-            critical_friction_angle=float(late),
+            peak_friction_angle=float(at_peak),
+            critical_friction_angle=float(friction_angle([axial[last].mean(), lateral[last].mean()])),
             peak_strain=float(smooth(strains, span)[peak]),
             volumetric_strain=float(dilation[-1]),
             dilatancy_angle=float(np.arcsin(slope / (2 + slope))),
@@ -405,13 +364,3 @@ class _Triaxial(Trial):
             n_steps=self.n_steps,
             halvings=self.halvings,
         )
-
-
-def _is_at_rest(row: TriaxialSample) -> bool:
-    """Return whether a bed is compressed: walls bear the pressure, and grains hardly move."""
-    pressures = row.axial_stress, row.lateral_stress, row.axial_stress_contacts, row.lateral_stress_contacts
-    return row.kinetic_energy < REST_ENERGY and all(abs(p - 1) < REST_PRESSURE for p in pressures)
-
-
-def _angles(row: TriaxialSample) -> float:
-    return float(friction_angle([row.axial_stress, row.lateral_stress]))
