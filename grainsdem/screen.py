@@ -159,6 +159,18 @@ def _rows(summaries: list[dict[str, Any]]) -> list[tuple[str, ...]]:
     def porosity(summary: dict[str, Any]) -> str:
         return "–" if summary["porosity"] is None else f"{summary['porosity']:.4f} ({summary['porosity_region']})"
 
+    def throats(when: str) -> Callable[[dict[str, Any]], str]:
+        def show(summary: dict[str, Any]) -> str:
+            widths = summary.get("throats", {}).get(when)
+            return f"{widths['mean'] * 1e3:.4g} ± {widths['std'] * 1e3:.4g}" if widths else "–"
+
+        return show
+
+    moved = [
+        row(f"throat widths {when} grains were moved, mm", throats(when))
+        for when in ("before", "after")
+        if any(summary.get("throats") for summary in summaries)
+    ]
     return [
         row("grains", lambda s: str(s["n_grains"])),
         row("porosity (of what region)", porosity),
@@ -169,6 +181,7 @@ def _rows(summaries: list[dict[str, Any]]) -> list[tuple[str, ...]]:
         row("mean neighbours in the tessellation", number("mean_neighbors", 2)),
         row("mean coordination", number("mean_coordination", 2)),
         row("mass, g", lambda s: f"{s['total_mass'] * 1e3:.4g}"),
+        *moved,
     ]
 
 

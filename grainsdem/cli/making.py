@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
-from grainsdem.cli.options import Json, Quiet, Rng, app, err, guarded, out, print_json, show_summary
+from grainsdem.cli.options import Json, Quiet, Rng, app, err, guarded, keyed, out, print_json, show_summary
+from grainsdem.errors import InputError
+
+VOID, SIZE, THROATS = "How much void: one of", "Grain size", "Pore throats"
+"""Groups of options in the help."""
 
 
 @app.command()
@@ -63,6 +67,7 @@ def generate(
         Literal["box", "slab", "cylinder", "hopper"],
         typer.Option(help="What grains grow in; a slab is one grain thick: two-dimensional work."),
     ] = "box",
+    side: Annotated[float | None, typer.Option(help="Edge length of a cube [m], instead of --lengths.")] = None,
     lengths: Annotated[
         tuple[float, float, float] | None,
         typer.Option(help="Edge lengths of a box [m], by default 1 1 1, or of a slab, its thickness last."),
@@ -76,10 +81,78 @@ def generate(
     keep: Annotated[
         Literal["inside", "all"], typer.Option(help="Whether cells that touch a wall are dropped.")
     ] = "inside",
-    porosity: Annotated[float | None, typer.Option(help="Void fraction, reached exactly, in [0, 1).")] = None,
-    scale: Annotated[float | None, typer.Option(help="Linear factor that grains shrink by, in (0, 1].")] = None,
+    porosity: Annotated[
+        float | None, typer.Option(help="Void fraction, reached exactly, in [0, 1).", rich_help_panel=VOID)
+    ] = None,
+    solid_fraction: Annotated[float | None, typer.Option(help="One minus the porosity.", rich_help_panel=VOID)] = None,
+    void_ratio: Annotated[
+        float | None, typer.Option(help="Volume of void over volume of solid.", rich_help_panel=VOID)
+    ] = None,
+    scale: Annotated[
+        float | None, typer.Option(help="Linear factor that grains shrink by, in (0, 1].", rich_help_panel=VOID)
+    ] = None,
+    gap: Annotated[
+        float | None,
+        typer.Option(help="Distance [m] between the faces of neighbours, the same everywhere.", rich_help_panel=VOID),
+    ] = None,
+    relation: Annotated[
+        str | None,
+        typer.Option(
+            help="Relation of void ratio to sphericity that the bed is to lie on, such as cho_2006_max.",
+            rich_help_panel=VOID,
+        ),
+    ] = None,
+    about: Annotated[
+        Literal["centroid", "seed", "vertex_mean"],
+        typer.Option(help="What grains shrink about.", rich_help_panel=VOID),
+    ] = "centroid",
+    region: Annotated[
+        Literal["cells", "domain"], typer.Option(help="What the porosity is of.", rich_help_panel=VOID)
+    ] = "cells",
+    box: Annotated[
+        tuple[float, float, float, float, float, float] | None,
+        typer.Option(
+            help="The porosity is that of a box: its lower and its upper corner [m].",
+            metavar="X Y Z X Y Z",
+            rich_help_panel=VOID,
+        ),
+    ] = None,
+    mean_diameter: Annotated[
+        float | None,
+        typer.Option(
+            help="Mean diameter [m] of the grains. Without --count the number follows, else the size of the bed.",
+            rich_help_panel=SIZE,
+        ),
+    ] = None,
     median_diameter: Annotated[
-        float | None, typer.Option(help="Median diameter by mass [m]: the whole bed is scaled to it.")
+        float | None, typer.Option(help="The same by the median diameter by mass [m].", rich_help_panel=SIZE)
+    ] = None,
+    sizes: Annotated[
+        str | None,
+        typer.Option(
+            help="Grain sizes [m] to be had: a law of scipy.stats, such as lognorm, or a file of diameters.",
+            rich_help_panel=SIZE,
+        ),
+    ] = None,
+    size_parameter: Annotated[
+        list[str] | None,
+        typer.Option(help="A parameter of the law, such as s=0.3 or scale=1e-3.", rich_help_panel=SIZE),
+    ] = None,
+    size_tolerance: Annotated[
+        float | None, typer.Option(help="Largest relative error of a cell's volume.", rich_help_panel=SIZE)
+    ] = None,
+    throats: Annotated[
+        float | None,
+        typer.Option(
+            help="Share of the grains that are moved within their cells: throats of many widths.",
+            rich_help_panel=THROATS,
+        ),
+    ] = None,
+    throat_strength: Annotated[
+        float | None, typer.Option(help="Share of their slack that they may use.", rich_help_panel=THROATS)
+    ] = None,
+    throat_axes: Annotated[
+        str | None, typer.Option(help="Coordinates that change, such as xy.", rich_help_panel=THROATS)
     ] = None,
     density: Annotated[float, typer.Option(help="Density [kg/m³].")] = 2650.0,
     rng: Rng = 0,
@@ -92,13 +165,23 @@ def generate(
     from grainsdem.screen import ChainProgress
 
     storage.check_suffix(output)
-    if porosity is None and scale is None:
-        scale = 1.0
+    voids = {
+        "porosity": porosity,
+        "solid_fraction": solid_fraction,
+        "void_ratio": void_ratio,
+        "scale": scale,
+        "gap": gap,
+        "relation": relation,
+    }
+    if not any(value is not None for value in voids.values()):
+        voids["scale"] = 1.0
+    moved = {"fraction": throats, "strength": throat_strength, "axes": throat_axes}
     wanted = recipes.make(
         name=output.stem,
         rng=rng,
         domain={
             "shape": shape,
+            "side": side,
             "lengths": lengths,
             "periodic": periodic,
             "radius": radius,
@@ -114,16 +197,46 @@ def generate(
         },
         grains={
             "keep": keep,
-            "porosity": porosity,
-            "scale": scale,
+            **voids,
+            "about": about,
+            "region": _region(region, box),
+            "mean_diameter": mean_diameter,
             "median_diameter": median_diameter,
             "density": density,
+            "throats": _together("--throats", moved),
+            "sizes": _sizes(sizes, size_parameter, size_tolerance),
         },
     )
     with ChainProgress(err, shown=not (quiet or json_)) as progress:
         packing = recipes.grow(wanted, progress)
     storage.save(packing, output)
-    show_summary(packing, json_=json_, quiet=quiet, title=str(output))
+    more = recipes.throat_widths_told(packing)
+    show_summary(packing, json_=json_, quiet=quiet, title=str(output), more=more)
+
+
+def _region(region: str, box: tuple[float, ...] | None) -> Any:
+    """Return the region of a porosity, as a recipe has it."""
+    if box is None:
+        return region
+    if region != "cells":
+        raise InputError(f"give --region or --box; got --region {region} and a box")
+    return box[:3], box[3:]
+
+
+def _together(leader: str, values: dict[str, Any]) -> dict[str, Any] | None:
+    """Return the table of the options that are given; none has a use without the first."""
+    given = {name: value for name, value in values.items() if value is not None}
+    if given and next(iter(values)) not in given:
+        raise InputError(f"{', '.join(given)} says how something is done that {leader} asks for: give {leader} too")
+    return given or None
+
+
+def _sizes(sizes: str | None, parameters: list[str] | None, tolerance: float | None) -> dict[str, Any] | None:
+    """Return the table of prescribed sizes: a file has a suffix, a law has none."""
+    source = None if sizes is None else {"path" if Path(sizes).suffix else "law": sizes}
+    rest = {"source": source, "parameters": keyed(parameters or []) or None, "tolerance": tolerance}
+    table = _together("--sizes", rest)
+    return None if table is None else {**table.pop("source"), **table}
 
 
 @app.command()

@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
-    rich_markup_mode="rich",
+    rich_markup_mode="markdown",
     pretty_exceptions_enable=False,
     help="""Grow realistic granular material, prove that nothing overlaps, and hand it to physics.
 
-    Start with [bold]grainsdem demo[/bold]: a bed of Ottawa sand, grown, checked, written, poured and settled.""",
+    Start with **grainsdem demo**: a bed of Ottawa sand, grown, checked, written, poured and settled.""",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 out = Console(soft_wrap=True)
@@ -89,13 +89,35 @@ def keyed(items: list[str]) -> dict[str, Any]:
     return found
 
 
-def show_summary(packing: Packing, *, json_: bool, quiet: bool, title: str, graph: ContactGraph | None = None) -> None:
-    """Print what a bed measures; who touches whom is searched where it is not given."""
+def densities(text: str | None) -> float | dict[float, float] | None:
+    """Return what texts such as ``2650`` or ``2650:0.9,5200:0.1`` say."""
+    if text is None:
+        return None
+    try:
+        if ":" not in text:
+            return float(text)
+        return {float(kind): float(share) for kind, share in (item.split(":") for item in text.split(","))}
+    except ValueError:
+        raise InputError(
+            f"a density is a number, or numbers and their shares as 2650:0.9,5200:0.1; got {text!r}"
+        ) from None
+
+
+def show_summary(
+    packing: Packing,
+    *,
+    json_: bool,
+    quiet: bool,
+    title: str,
+    graph: ContactGraph | None = None,
+    more: dict[str, Any] | None = None,
+) -> None:
+    """Print what a bed measures, and what more is known; who touches whom is searched where it is not given."""
     from grainsdem.screen import print_summary
 
     if quiet and not json_:
         return
-    summary = grainsdem.summary(packing, grainsdem.contacts(packing) if graph is None else graph)
+    summary = grainsdem.summary(packing, grainsdem.contacts(packing) if graph is None else graph) | (more or {})
     if json_:
         print_json(summary)
     else:
