@@ -2,9 +2,29 @@
 
 from grainsdem.points.check import check_seeds
 from grainsdem.points.cluster import cluster_poisson
-from grainsdem.points.files import read
+from grainsdem.points.fields import from_density, from_image, image_density, noise_field, pink_noise
+from grainsdem.points.files import read, scaled
 from grainsdem.points.halton import halton
+from grainsdem.points.patterns import clark_evans, nearest_distances, pair_correlation, ripley_k
 from grainsdem.points.poisson import poisson
 from grainsdem.points.strauss import strauss, strauss_process
 
-__all__ = ["check_seeds", "cluster_poisson", "halton", "poisson", "read", "strauss", "strauss_process"]
+__all__ = [
+    "check_seeds",
+    "clark_evans",
+    "cluster_poisson",
+    "from_density",
+    "from_image",
+    "halton",
+    "image_density",
+    "nearest_distances",
+    "noise_field",
+    "pair_correlation",
+    "pink_noise",
+    "poisson",
+    "read",
+    "ripley_k",
+    "scaled",
+    "strauss",
+    "strauss_process",
+]

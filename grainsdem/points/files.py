@@ -1,4 +1,4 @@
-"""Seeds from a file of the user's own: text, CSV, .npy or .npz."""
+"""Seeds of the user's own: read from text, CSV, .npy or .npz, and scaled into a domain."""
 
 from __future__ import annotations
 
@@ -8,12 +8,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from grainsdem.errors import FileFormatError, MissingFileError
+from grainsdem.errors import FileFormatError, InputError, MissingFileError, ShapeError, name_offenders
+from grainsdem.points.check import check_seeds
 
 if TYPE_CHECKING:
     import os
 
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
+
+    from grainsdem.model import Domain
 
 SUFFIXES = (".txt", ".dat", ".xyz", ".csv", ".npy", ".npz")
 
@@ -51,6 +54,90 @@ def read(path: str | os.PathLike[str]) -> NDArray[np.float64]:
     if points.size and (points.ndim != 2 or points.shape[1] not in (2, 3)):
         raise FileFormatError(f"{path}: seeds need two or three columns; got an array of shape {points.shape}")
     return points
+
+
+def scaled(
+    points: ArrayLike, domain: Domain, *, bounds: ArrayLike | None = None, stretch: bool = True
+) -> NDArray[np.float64]:
+    """Return points of any unit, moved and scaled into a domain.
+
+    Parameters
+    ----------
+    points : array_like, shape (n, 3)
+        In any unit; in a planar domain shape (n, 2), too, and what is beyond two columns is left out.
+    domain : Domain
+        Where they are to lie.
+    bounds : array_like, shape (2, 3) or (2, 2), optional
+        Corners, in the unit of the points, of the box that becomes the domain's: that in which they were made. Without
+        it, it is estimated: wider than the points on either side by 1/(n - 1) of their extent, as n uniform points
+        leave so much of their box empty, on the average.
+    stretch : bool
+        Whether each axis has a factor of its own; else the smallest is that of all, and the points stay in the middle.
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+        Positions [m]; in the mid-plane where the domain is planar.
+
+    Raises
+    ------
+    ShapeError
+        If the points or their bounds have another shape.
+    InputError
+        If there is none, one is not finite, beyond the bounds or where planes have cut the domain away, or two
+        coincide.
+
+    Examples
+    --------
+    >>> from grainsdem.model import Domain
+    >>> scaled([[0, 0, 0], [10, 10, 40]], Domain.cube(), bounds=[[-10, -10, -10], [30, 30, 70]])
+    array([[0.25 , 0.25 , 0.125],
+           [0.5  , 0.5  , 0.625]])
+    """
+    try:
+        values = np.array(points, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ShapeError(f"points must be numbers in an array of shape (n, 3); {error}") from error
+    if values.ndim != 2 or values.shape[1] not in ((2, 3) if domain.is_planar else (3,)):
+        allowed = "(n, 2) or (n, 3)" if domain.is_planar else "(n, 3)"
+        raise ShapeError(f"points must have shape {allowed}; got {values.shape}")
+    axes = 2 if domain.is_planar else 3
+    values = values[:, :axes]
+    bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
+    if not len(values) or bad.size:
+        raise InputError(f"points must be finite, and one or more; {bad.size} of {len(values)} are not")
+    low, high = _box_of(values) if bounds is None else _given_box(bounds, values)
+    size = np.where(high > low, high - low, 1.0)
+    factors = domain.lengths[:axes] / size
+    if not stretch:
+        factors = np.full(axes, factors[high > low].min(initial=np.inf if (high > low).any() else 1.0))
+    middle = 0.5 * (domain.lower + domain.upper)[:axes]
+    placed = middle + (values - 0.5 * (low + high)) * factors
+    # A point on a bound may be rounded past its wall.
+    return check_seeds(np.clip(placed, domain.lower[:axes], domain.upper[:axes]), domain)
+
+
+def _box_of(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the corners of the box that points were probably made in."""
+    low, high = values.min(axis=0), values.max(axis=0)
+    beyond = (high - low) / max(len(values) - 1, 1)
+    return low - beyond, high + beyond
+
+
+def _given_box(bounds: ArrayLike, values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the corners that were given, or raise one clear error."""
+    corners = np.asarray(bounds, dtype=np.float64)
+    if corners.ndim != 2 or corners.shape[0] != 2 or corners.shape[1] < values.shape[1]:
+        raise ShapeError(f"bounds are two corners of {values.shape[1]} coordinates; got shape {corners.shape}")
+    low, high = corners[:, : values.shape[1]]
+    if not (np.isfinite(corners).all() and (high > low).all()):
+        raise InputError(f"bounds must be a lower and a higher corner, both finite; got {corners.tolist()}")
+    outside = np.flatnonzero(((values < low) | (values > high)).any(axis=1))
+    if outside.size:
+        raise InputError(
+            f"points must lie within their bounds; {outside.size} of {len(values)} do not: {name_offenders(outside)}"
+        )
+    return low, high
 
 
 def _load(path: Path) -> NDArray[np.float64]:

@@ -1,0 +1,225 @@
+"""What kind of pattern seeds make: nearest neighbours, Ripley's K, pair correlation.
+
+References
+----------
+.. [1] B. D. Ripley, "The second-order analysis of stationary point processes", J. Appl. Prob. 13 (1976) 255-266.
+.. [2] J. Ohser, "On estimators for the reduced second moment measure of point processes", Math. Operationsforsch.
+   Statist. 14 (1983) 63-71.
+.. [3] P. J. Clark and F. C. Evans, "Distance to nearest neighbor as a measure of spatial relationships in populations",
+   Ecology 35 (1954) 445-453.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from grainsdem.errors import InputError
+from grainsdem.points.check import check_seeds
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import ArrayLike, NDArray
+    from scipy.spatial import cKDTree
+
+    from grainsdem.model import Domain
+
+    Floats = NDArray[np.float64]
+
+PAIRS_AT_ONCE = 1_000_000
+"""Pairs that are held at once, but for a single seed with more neighbours: memory does not grow with the pairs."""
+
+
+def nearest_distances(seeds: ArrayLike, domain: Domain) -> Floats:
+    """Return the distance [m] from each seed to the one nearest to it, shape (n,).
+
+    Parameters
+    ----------
+    seeds : array_like, shape (n, 3)
+        At least two positions [m] in the domain.
+    domain : Domain
+        Across its periodic walls distances are those to the nearest image; at other walls nothing is corrected.
+
+    Raises
+    ------
+    ShapeError, InputError
+        As `check_seeds`, or if there are fewer than two seeds.
+    """
+    points = _checked(seeds, domain)
+    distances, _ = _tree(points, domain).query(points, k=[2])  # the nearest of all is the seed itself
+    return np.asarray(distances, dtype=np.float64).ravel()
+
+
+def clark_evans(seeds: ArrayLike, domain: Domain) -> float:
+    r"""Return Clark and Evans's index [3]_: the mean distance to the nearest seed against that of a Poisson process.
+
+    It is 1 for Poisson's, below for clusters and above for seeds that keep away from one another. Parameters and errors
+    are those of `nearest_distances`.
+
+    Notes
+    -----
+    Among seeds of intensity λ in d dimensions the mean is :math:`Γ(1 + 1/d) / (λ b_d)^{1/d}`, where :math:`b_d` is the
+    volume of the unit ball.
+    """
+    nearest = nearest_distances(seeds, domain)
+    d = _dimensions(domain)
+    intensity = len(nearest) / _size(domain)
+    return float(nearest.mean() * (intensity * _ball(1.0, d)) ** (1 / d) / math.gamma(1 + 1 / d))
+
+
+def ripley_k(seeds: ArrayLike, domain: Domain, radii: ArrayLike) -> Floats:
+    r"""Return Ripley's K function [1]_: the mean number of further seeds within r of a seed, over the intensity.
+
+    Parameters
+    ----------
+    seeds : array_like, shape (n, 3)
+        At least two positions [m] in the domain.
+    domain : Domain
+        A box; in a planar domain distances and areas are those in its plane.
+    radii : array_like, shape (m,)
+        Rising distances r [m], the largest within reach of the edge correction: at most half of each edge that is
+        periodic, and less than every other edge.
+
+    Returns
+    -------
+    ndarray of float64, shape (m,)
+        K [m³], in a planar domain [m²]. Poisson's process has 4πr³/3 and πr².
+
+    Raises
+    ------
+    ShapeError, InputError
+        As `check_seeds`; or if there are fewer than two seeds, the radii do not rise from above zero or reach too far,
+        or the domain is cut by planes.
+
+    Notes
+    -----
+    Walls hide neighbours. The estimator [2]_ weighs each pair by the part of the domain W that it could lie in,
+
+    .. math:: K(r) = \frac{|W|^2}{n (n - 1)} \sum_{i \ne j} \frac{1(|x_i - x_j| \le r)}{|W \cap (W + x_j - x_i)|},
+
+    which corrects for them by translation; along periodic axes there is nothing to correct.
+    """
+    points = _checked(seeds, domain)
+    edges = _edges(radii, domain, lowest=0.0)
+    return np.cumsum(_weights(points, domain, edges))
+
+
+def pair_correlation(seeds: ArrayLike, domain: Domain, radii: ArrayLike) -> Floats:
+    """Return the pair correlation g: how many pairs are so far apart, over how many of a Poisson process would be.
+
+    Parameters
+    ----------
+    seeds, domain
+        As for `ripley_k`, whose edge correction it shares.
+    radii : array_like, shape (m + 1,)
+        Rising edges [m] of shells, from zero or above.
+
+    Returns
+    -------
+    ndarray of float64, shape (m,)
+        Mean of g over each shell, between one radius and the next.
+
+    Raises
+    ------
+    ShapeError, InputError
+        As `ripley_k`.
+    """
+    points = _checked(seeds, domain)
+    edges = _edges(radii, domain, lowest=-1.0)
+    if len(edges) < 2:
+        raise InputError(f"a shell lies between two radii; got {edges.tolist()}")
+    return _weights(points, domain, edges)[1:] / np.diff(_ball(edges, _dimensions(domain)))
+
+
+def _weights(points: Floats, domain: Domain, edges: Floats) -> Floats:
+    """Return the rise of K up to the first radius, and from each to the next, shape (m,)."""
+    n, size = len(points), _size(domain)
+    d = points.shape[1]
+    lengths, periodic = domain.lengths[:d], domain.periodic[:d]
+    sums = np.zeros(len(edges))
+    for first, second, distances in _near(points, _tree(points, domain), float(edges[-1])):
+        apart = np.abs(points[first] - points[second])
+        shared = np.prod(np.where(periodic, lengths, lengths - apart), axis=1)
+        # Each class is open below and closed above, as K counts pairs at distance r.
+        shell = np.searchsorted(edges, distances, side="left")
+        inside = shell < len(edges)
+        sums += np.bincount(shell[inside], weights=1.0 / shared[inside], minlength=len(edges))
+    return size**2 / (n * (n - 1.0)) * sums
+
+
+def _near(
+    points: Floats, tree: cKDTree, within: float
+) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64], Floats]]:
+    """Yield the ordered pairs of two seeds no farther apart than a distance, and theirs, some at a time."""
+    from scipy.spatial import cKDTree  # noqa: PLC0415  (a third of a second)
+
+    counts = tree.query_ball_point(points, within, return_length=True)
+    running = np.cumsum(counts)
+    start = 0
+    while start < len(points):
+        before = running[start - 1] if start else 0
+        stop = max(start + 1, int(np.searchsorted(running, before + PAIRS_AT_ONCE, side="right")))
+        some = cKDTree(points[start:stop], boxsize=tree.boxsize)
+        found = some.sparse_distance_matrix(tree, within, output_type="ndarray")
+        other = found["i"] + start != found["j"]
+        yield found["i"][other] + start, found["j"][other], found["v"][other]
+        start = stop
+
+
+def _checked(seeds: ArrayLike, domain: Domain) -> Floats:
+    """Return the seeds seen from the lower corner, those on an upper periodic wall on the lower one, shape (n, d)."""
+    points = check_seeds(seeds, domain)
+    if len(points) < 2:
+        raise InputError(f"a pattern needs two seeds or more; got {len(points)}")
+    points = points - domain.lower
+    wrapped = np.where(domain.periodic, np.mod(points, domain.lengths), points)
+    return np.ascontiguousarray(wrapped[:, : _dimensions(domain)])
+
+
+def _tree(points: Floats, domain: Domain) -> cKDTree:
+    from scipy.spatial import cKDTree  # noqa: PLC0415  (a third of a second)
+
+    d = points.shape[1]
+    # Length 0 is the tree's word for an axis that does not wrap.
+    return cKDTree(points, boxsize=np.where(domain.periodic[:d], domain.lengths[:d], 0.0))
+
+
+def _edges(radii: ArrayLike, domain: Domain, *, lowest: float) -> Floats:
+    """Return the radii, or raise `InputError`; they must exceed ``lowest``."""
+    edges = np.atleast_1d(np.asarray(radii, dtype=np.float64))
+    if edges.ndim != 1 or not edges.size or not np.isfinite(edges).all():
+        raise InputError(f"radii must be one row of finite numbers; got shape {edges.shape}")
+    if edges[0] <= lowest or edges[0] < 0 or (np.diff(edges) <= 0).any():
+        raise InputError(f"radii must rise from {'0 m' if lowest < 0 else 'above 0 m'}; got {edges.tolist()}")
+    if len(domain.planes):
+        raise InputError(
+            f"pairs are corrected for walls in boxes only; this domain is cut by {len(domain.planes)} planes: "
+            f"give the seeds that lie in a box inside, and that box"
+        )
+    for axis in range(_dimensions(domain)):
+        length = domain.lengths[axis]
+        reach = 0.5 * length if domain.periodic[axis] else length
+        if edges[-1] > reach or (edges[-1] == length):
+            word = "half of it, as it is periodic" if domain.periodic[axis] else "less than it"
+            raise InputError(
+                f"along {'xyz'[axis]} the domain is {length:g} m long, and radii may be {word}; got {edges[-1]:g} m"
+            )
+    return edges
+
+
+def _dimensions(domain: Domain) -> int:
+    return 2 if domain.is_planar else 3
+
+
+def _size(domain: Domain) -> float:
+    """Return the volume [m³] of a domain, or the area [m²] of a planar one."""
+    return domain.volume / float(domain.lengths[2]) if domain.is_planar else domain.volume
+
+
+def _ball(radius: Floats | float, d: int) -> Floats:
+    """Return the volume of balls in ``d`` dimensions."""
+    unit = math.pi if d == 2 else 4.0 * math.pi / 3.0
+    return np.asarray(unit * np.asarray(radius) ** d)
