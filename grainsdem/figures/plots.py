@@ -6,41 +6,23 @@ state of matplotlib is left as it was.
 
 from __future__ import annotations
 
-from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from grainsdem.atomic import replacing
 from grainsdem.errors import InputError, ShapeError
-from grainsdem.figures.frame import BLUE, INK, RED, check_suffix, length_unit
+from grainsdem.figures.frame import BLUE, INK, RED, check_suffix, drawing, length_unit
 from grainsdem.measures import diameters, masses, percentiles
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
     from numpy.typing import ArrayLike, NDArray
 
     from grainsdem.model import ContactGraph, Packing
-
-_STYLE: Any = {
-    "font.family": "DejaVu Sans",
-    "font.size": 10,
-    "axes.edgecolor": INK,
-    "axes.labelcolor": INK,
-    "axes.linewidth": 0.8,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "xtick.color": INK,
-    "ytick.color": INK,
-    "text.color": INK,
-    "figure.facecolor": "white",
-    "savefig.facecolor": "white",
-}
 
 
 def size_histogram(packing: Packing, path: str | os.PathLike[str], *, sieves: Sequence[float] | None = None) -> Path:
@@ -75,7 +57,7 @@ def size_histogram(packing: Packing, path: str | os.PathLike[str], *, sieves: Se
     factor, unit = length_unit(float(np.median(diameters(packing.grains))))
     d, w = diameters(packing.grains) * factor, masses(packing)
     openings = openings * factor
-    with _drawing(target) as figure:
+    with drawing(target) as figure:
         shares = figure.add_subplot()
         inside = openings[(openings > d.min()) & (openings < d.max())]
         classes = _classes(d, inside)
@@ -121,7 +103,7 @@ def coordination_histogram(graph: ContactGraph, path: str | os.PathLike[str]) ->
 
     z = graph.coordination()
     counts = np.bincount(z)
-    with _drawing(target) as figure:
+    with drawing(target) as figure:
         axes = figure.add_subplot()
         axes.bar(np.arange(counts.size), 100 * counts / z.size, width=0.82, color=BLUE, alpha=0.85)
         axes.axvline(z.mean(), color=RED, linewidth=1.2)
@@ -170,29 +152,13 @@ def energy_plot(history: Mapping[str, ArrayLike], path: str | os.PathLike[str]) 
     moving = energy > 0
     if not moving.any():
         raise InputError("there is nothing to draw: no sample of the history has kinetic energy")
-    with _drawing(target) as figure:
+    with drawing(target) as figure:
         axes = figure.add_subplot()
         axes.semilogy(time[moving], energy[moving], color=BLUE, linewidth=1.4)
         axes.set(xlabel="time  [s]", ylabel="kinetic energy of a grain  [m g d]", xlim=(min(time[0], 0), None))
         axes.grid(which="major", axis="y", color="#d8dce2", linewidth=0.6)
         axes.set_axisbelow(True)
     return target
-
-
-@contextmanager
-def _drawing(target: Path) -> Iterator[Figure]:
-    """Yield an empty figure and write it when the block ends well."""
-    import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=(6.4, 4.2), dpi=200, layout="constrained")
-        FigureCanvasAgg(figure)
-        yield figure
-        with replacing(target) as temporary:
-            # Without its metadata the file does not name the version that drew it.
-            figure.savefig(temporary, format="png", metadata={"Software": None})
 
 
 def _classes(d: NDArray[np.float64], sieves: NDArray[np.float64]) -> NDArray[np.float64]:
