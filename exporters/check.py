@@ -1,4 +1,4 @@
-"""What every writer asks of a packing and of a name before it begins."""
+"""What every writer asks of a packing and of a name before it begins, and how it goes through the grains."""
 
 from __future__ import annotations
 
@@ -9,14 +9,16 @@ import numpy as np
 
 from grainsdem.errors import InputError, name_offenders
 from grainsdem.geometry.integrals import Integrals, integrate
+from grainsdem.model import Packing, Polyhedra
 from grainsdem.ragged import owners
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator
 
     from numpy.typing import NDArray
 
-    from grainsdem.model import Packing
+STRETCH = 4096
+"""Grains that are written at once: a few megabytes."""
 
 
 def measured(packing: Packing) -> Integrals:
@@ -38,6 +40,39 @@ def measured(packing: Packing) -> Integrals:
     integrals = integrate(packing.grains)
     refuse("grains must have positive volume, their faces wound outward", integrals.volumes <= 0)
     return integrals
+
+
+def stretches(packing: Packing) -> Iterator[tuple[int, Packing]]:
+    """Yield the grains a stretch at a time: the number of the first, and a packing of at most `STRETCH` of them.
+
+    What is made of a stretch before the next begins takes little memory, however many grains there are.
+    """
+    for first in range(0, len(packing), STRETCH):
+        last = min(first + STRETCH, len(packing))
+        yield (
+            first,
+            Packing(
+                shapes_of(packing.grains, first, last),
+                packing.positions[first:last],
+                packing.quaternions[first:last],
+                packing.densities[first:last],
+                packing.domain,
+            ),
+        )
+
+
+def shapes_of(grains: Polyhedra, first: int, last: int) -> Polyhedra:
+    """Return the grains from number ``first`` to before ``last``."""
+    v0, v1 = grains.vertex_offsets[[first, last]]
+    f0, f1 = grains.face_offsets[[first, last]]
+    c0, c1 = grains.face_vertex_offsets[[f0, f1]]
+    return Polyhedra(
+        grains.vertices[v0:v1],
+        grains.vertex_offsets[first : last + 1] - v0,
+        grains.face_offsets[first : last + 1] - f0,
+        grains.face_vertices[c0:c1],
+        grains.face_vertex_offsets[f0 : f1 + 1] - c0,
+    )
 
 
 def grain_names(packing: Packing) -> list[str]:

@@ -34,7 +34,7 @@ class Format(NamedTuple):
 
 FORMATS = {
     "mjcf": Format("exporters.mjcf", (".xml",)),
-    "usd": Format("exporters.usd", (".usdc", ".usda")),
+    "usd": Format("exporters.usd", (".usdc", ".usda", ".usdz")),
     "stl": Format("exporters.meshes.stl", (".stl",)),
     "obj": Format("exporters.meshes.obj", (".obj",)),
     "ply": Format("exporters.meshes.ply", (".ply",)),

@@ -77,7 +77,7 @@ def test_vertices_that_are_not_finite_and_grains_inside_out_are_refused(fresh, s
 
 @pytest.mark.parametrize("suffix", [".docx", "", ".h5"])
 def test_an_unknown_suffix_is_refused_with_the_known_ones(fresh, tmp_path, suffix):
-    with pytest.raises(InputError, match=re.escape(f"{suffix!r}; known are .xml, .usdc, .usda, .stl")):
+    with pytest.raises(InputError, match=re.escape(f"{suffix!r}; known are .xml, .usdc, .usda, .usdz, .stl")):
         exporters.write(fresh, tmp_path / f"bed{suffix}")
 
 

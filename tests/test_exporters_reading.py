@@ -19,7 +19,7 @@ from grainsdem.packing import rescale
 from grainsdem.storage import save
 from grainsdem.validation import compare, validate
 
-SUFFIXES = [".xml", ".usda", ".usdc", ".stl", ".obj"]
+SUFFIXES = [".xml", ".usda", ".usdc", ".usdz", ".stl", ".obj"]
 
 
 @pytest.fixture(scope="module")
@@ -121,7 +121,7 @@ def test_a_moved_or_shrunk_grain_is_named_by_the_comparison(fresh):
 @pytest.mark.parametrize(
     ("name", "content", "words"),
     [
-        ("bed.gltf", b"", "files are read from .xml, .usda, .usdc, .stl, .obj; got '.gltf'"),
+        ("bed.gltf", b"", "files are read from .xml, .usda, .usdc, .usdz, .stl, .obj; got '.gltf'"),
         ("bed.stl", b"solid\nendsolid\n", "holds no triangles"),
         ("bed.stl", b"\x00" * 90, "neither ASCII STL nor binary"),
         ("bed.stl", b"solid a\nvertex 1 2\nendfacet\n", "three numbers"),

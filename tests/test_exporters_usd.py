@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 
 import exporters
-from exporters import usd
 from exporters.units import units
 from exporters.usd import UsdOptions
 from grainsdem.errors import InputError
 from grainsdem.geometry.integrals import face_planes, integrate
 from grainsdem.geometry.rotations import random_quaternions, to_matrices, world_vertices
-from grainsdem.model import Domain
+from grainsdem.model import Domain, Packing, Polyhedra
 from grainsdem.packing import rescale
 
 DIAMETERS = [0.2e-3, 1e-3, 0.1]
@@ -46,7 +45,7 @@ def stage(tilted, tmp_path_factory):
 
 
 @pytest.mark.client
-@pytest.mark.parametrize("suffix", [".usda", ".usdc"])
+@pytest.mark.parametrize("suffix", [".usda", ".usdc", ".usdz"])
 @pytest.mark.parametrize("diameter", DIAMETERS)
 def test_the_validators_of_openusd_find_no_error(tilted, tmp_path, suffix, diameter):
     from pxr import UsdValidation
@@ -174,7 +173,7 @@ def test_static_boxes_close_the_domain_around_the_grains(fresh, tmp_path, walls,
 
 
 @pytest.mark.client
-@pytest.mark.parametrize("suffix", [".usda", ".usdc"])
+@pytest.mark.parametrize("suffix", [".usda", ".usdc", ".usdz"])
 def test_the_same_packing_gives_the_same_bytes_in_another_process(cube, suffix):
     def digest(packing):
         return hashlib.sha256(exporters.files(packing, suffix)[f"bed{suffix}"]).hexdigest()
@@ -205,14 +204,81 @@ def test_the_layer_of_one_cube_is_known_and_opens(cube, tmp_path):
 
 
 @pytest.mark.unit
-def test_grains_that_physx_would_simplify_are_named_in_the_log(cube, caplog, monkeypatch):
+def test_grains_too_large_for_physx_are_refused_or_named_in_the_log(cube, tmp_path, caplog):
+    drum = prism(40)  # eighty vertices
+    with pytest.raises(InputError, match=r"at most 64 vertices and 64 faces a hull .*hulls='any'.*; not so: 0$"):
+        exporters.write(drum, tmp_path / "drum.usdc")
+    assert not list(tmp_path.iterdir())
     with caplog.at_level(logging.WARNING):
-        usd.files(cube)
-    assert not caplog.records
-    monkeypatch.setattr(usd, "_MOST_VERTICES", 7)
-    with caplog.at_level(logging.WARNING):
-        usd.files(cube)
+        exporters.write(cube, tmp_path / "cube.usdc", hulls="any")
+        assert not caplog.records
+        exporters.write(drum, tmp_path / "drum.usdc", hulls="any")
     assert "more have grains 0" in caplog.text
+    stage = opened(tmp_path / "drum.usdc")
+    [body] = grain_prims(stage)
+    assert len(body.GetChild("shape").GetAttribute("points").Get()) == 80
+
+
+def prism(sides):
+    """Return a drum with so many sides as a packing."""
+    angles = 2 * np.pi * np.arange(sides) / sides
+    ring = np.c_[np.cos(angles), np.sin(angles)]
+    vertices = np.concatenate([np.c_[ring, np.full(sides, z)] for z in (-0.5, 0.5)])
+    turn = np.roll(np.arange(sides), -1)
+    walls = np.stack([np.arange(sides), turn, turn + sides, np.arange(sides) + sides], axis=1)
+    faces = [np.arange(sides)[::-1], np.arange(sides) + sides, *walls]
+    shapes = Polyhedra(
+        vertices, [0, 2 * sides], [0, len(faces)], np.concatenate(faces), np.cumsum([0, *map(len, faces)])
+    )
+    return Packing(shapes, [[2.0, 2.0, 2.0]], [[1.0, 0, 0, 0]], [1.0], Domain.cube(4.0))
+
+
+@pytest.mark.client
+def test_where_one_stretch_of_grains_ends_makes_no_difference_to_what_is_read(tilted, tmp_path, monkeypatch):
+    from pxr import Sdf
+
+    from exporters.usd import columns
+
+    [whole] = exporters.write(tilted, tmp_path / "whole.usdc")
+    monkeypatch.setattr(columns, "STRETCH", 7)
+    [parts] = exporters.write(tilted, tmp_path / "parts.usdc")
+    assert whole.read_bytes() != parts.read_bytes()
+    texts = [Sdf.Layer.FindOrOpen(str(path)).ExportToString() for path in (whole, parts)]
+    assert texts[0] == texts[1]
+    assert texts[0].count("def Xform") == len(tilted) + 3
+
+
+@pytest.mark.client
+def test_openusd_writes_our_crate_again_without_a_change(tilted, tmp_path):
+    from pxr import Sdf
+
+    [ours] = exporters.write(tilted, tmp_path / "ours.usdc")
+    layer = Sdf.Layer.FindOrOpen(str(ours))
+    assert layer.Export(str(tmp_path / "theirs.usdc"))
+    theirs = Sdf.Layer.FindOrOpen(str(tmp_path / "theirs.usdc"))
+    assert theirs.ExportToString() == layer.ExportToString()
+    data = layer.customLayerData["grainsdem"]
+    assert list(data["domainUpper"]) == tilted.domain.upper.tolist()
+
+
+@pytest.mark.client
+@pytest.mark.parametrize("colour", ["mineral", "id", "diameter", "array", "rgb"])
+def test_grains_have_the_colour_that_was_asked_for(tilted, tmp_path, colour):
+    n = len(tilted)
+    numbers = {"array": np.arange(n)[::-1], "rgb": np.tile([1.0, 0.5, 0.0], (n, 1))}
+    exporters.write(tilted, tmp_path / "bed.usdc", colour=numbers.get(colour, colour))
+    stage = opened(tmp_path / "bed.usdc")
+    found = np.array([
+        prim.GetChild("shape").GetAttribute("primvars:displayColor").Get()[0] for prim in grain_prims(stage)
+    ])  # fmt: skip
+    dark, bright = (0.267, 0.005, 0.329), (0.993, 0.906, 0.144)
+    sizes = integrate(tilted.grains).volumes
+    first, last = {"id": (0, n - 1), "diameter": (sizes.argmin(), sizes.argmax()), "array": (n - 1, 0)}.get(
+        colour, (None, None)
+    )
+    if first is not None:
+        assert np.allclose(found[[first, last]], [dark, bright], atol=1e-6)
+    assert len(np.unique(found, axis=0)) == {"mineral": 6, "rgb": 1}.get(colour, n)
 
 
 @pytest.mark.unit
@@ -222,6 +288,22 @@ def test_options_out_of_range_are_refused(option):
         UsdOptions(**{option: -1.0})
     with pytest.raises(InputError, match="walls must be one of box, floor, none; got 'lid'"):
         UsdOptions(walls="lid")
+
+
+@pytest.mark.unit
+@pytest.mark.parametrize(
+    ("colour", "message"),
+    [
+        ("red", "colour must be one of mineral, id, diameter, or numbers; got 'red'"),
+        ([[1.0, 2.0]], "a number or red, green and blue of each grain"),
+        ([np.nan], "must be finite"),
+        ([[0.5, 0.5, 1.5]], "from 0 to 1"),
+        ([1.0, 2.0], "one row for each of 1 grains; got 2"),
+    ],
+)
+def test_a_colour_that_is_none_is_refused(cube, colour, message):
+    with pytest.raises(InputError, match=message):
+        exporters.files(cube, ".usdc", colour=colour)
 
 
 @pytest.mark.client

@@ -22,6 +22,7 @@ READERS = {
     ".xml": "exporters.reading.mjcf",
     ".usda": "exporters.reading.usd",
     ".usdc": "exporters.reading.usd",
+    ".usdz": "exporters.reading.usd",
     ".stl": "exporters.reading.stl",
     ".obj": "exporters.reading.obj",
 }
@@ -36,7 +37,7 @@ def read(path: str | os.PathLike[str]) -> Packing:
     Parameters
     ----------
     path : str or path-like
-        ``.xml`` (MJCF, through MuJoCo's compiler), ``.usda`` or ``.usdc`` (through pxr), ``.stl``, ``.obj``.
+        ``.xml`` (MJCF, through MuJoCo's compiler), ``.usda``, ``.usdc`` or ``.usdz`` (through pxr), ``.stl``, ``.obj``.
 
     Returns
     -------
