@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numba import njit, prange
 
-from grainsdem.geometry.raster.copies import copies
 from grainsdem.geometry.rotations import to_matrices
 from grainsdem.ragged import offsets_from_counts, take_indices
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from grainsdem.geometry.raster.copies import Copies
     from grainsdem.model import Packing
 
     Floats = NDArray[np.float64]
@@ -40,26 +40,25 @@ class Polygons(NamedTuple):
     shifts: NDArray[np.int64]
 
 
-def cut_polygons(packing: Packing, frame: Floats, distance: float, window: tuple[Floats, Floats]) -> Polygons:
-    """Return the polygons in which a plane cuts the grains that reach into a box, images included, each whole.
+def cut_polygons(packing: Packing, found: Copies, frame: Floats, distance: float) -> Polygons:
+    """Return the polygons in which a plane cuts grains and their images, each whole.
 
     Parameters
     ----------
     packing : Packing
         Convex grains.
+    found : Copies
+        Those that are cut.
     frame : ndarray, shape (3, 3)
         Unit vectors u, v, n as rows; n is the plane's normal and u × v = n.
     distance : float
         The plane is n · x = distance [m].
-    window : tuple of two ndarray, shape (3,)
-        Corners [m] of the box.
 
     Notes
     -----
     A vertex in the plane counts as below it, so that of two grains that share a face in the plane one is cut.
     """
     grains = packing.grains
-    found = copies(packing, *window)
     # The box's nearest and farthest corner: most grains need no look at their vertices.
     reach = 0.5 * (found.upper - found.lower) @ np.abs(frame[2])
     apart = np.abs(0.5 * (found.upper + found.lower) @ frame[2] - distance)
@@ -98,9 +97,9 @@ def _sides(mesh, i, centre, matrix, frame, distance, slack):  # type: ignore[no-
     return turned
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True)
 def _count(mesh, ids, centres, matrices, frame, distance, slack, counts):  # type: ignore[no-untyped-def]
-    for j in prange(ids.size):
+    for j in range(ids.size):
         i = ids[j]
         turned = _sides(mesh, i, centres[j], matrices[j], frame, distance, slack)
         for f in range(mesh[2][i], mesh[2][i + 1]):
@@ -114,9 +113,9 @@ def _count(mesh, ids, centres, matrices, frame, distance, slack, counts):  # typ
                 a = b
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True)
 def _cut(mesh, ids, centres, matrices, frame, distance, slack, offsets, points, counts):  # type: ignore[no-untyped-def]
-    for j in prange(ids.size):
+    for j in range(ids.size):
         n = offsets[j + 1] - offsets[j]
         counts[j] = 0
         if n < 3:
@@ -176,9 +175,9 @@ def areas_inside(polygons: Polygons, outline: Floats) -> Floats:
     return result
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True)
 def _clip(points, offsets, planes, areas):  # type: ignore[no-untyped-def]
-    for j in prange(areas.size):
+    for j in range(areas.size):
         corners = points[offsets[j] : offsets[j + 1]].copy()
         for p in range(planes.shape[0]):
             n = corners.shape[0]
@@ -196,7 +195,7 @@ def _clip(points, offsets, planes, areas):  # type: ignore[no-untyped-def]
                         out[filled, k] = corners[a, k] + t * (corners[b, k] - corners[a, k])
                     filled += 1
                 if sb <= 0.0:
-                    out[filled] = corners[b]
+                    out[filled, 0], out[filled, 1] = corners[b, 0], corners[b, 1]
                     filled += 1
                 a, sa = b, sb
             corners = out[:filled]
