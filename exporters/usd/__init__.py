@@ -1,15 +1,18 @@
 """OpenUSD with UsdPhysics: every grain a rigid body with exact mass properties and a convex-hull collider.
 
-The binary crate is written by `exporters.usd.crate`; text and package are what OpenUSD itself makes of that crate.
+The binary crate is written by `exporters.usd.crate`; OpenUSD itself makes text of that crate.
 """
 
 from __future__ import annotations
 
 import logging
+import struct
 import tempfile
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
+from zipfile import ZipFile, ZipInfo
 
 import numpy as np
 
@@ -17,7 +20,7 @@ from exporters.check import check_choice, check_name, check_positive, measured, 
 from exporters.container import check_colour, colours_of
 from exporters.usd.crate import crate
 from exporters.usd.scene import metadata, world
-from grainsdem.errors import WriteError, name_offenders
+from grainsdem.errors import name_offenders
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -104,8 +107,9 @@ def files(
     _see_large_hulls(packing, options.hulls)
     colours = colours_of(packing, integrals.volumes, options.colour)
     layer = crate(world(packing, integrals, options, colours), metadata(packing))
-    kind = suffix.lower()
-    return {f"{name}{suffix}": layer if kind == ".usdc" else _made_by_openusd(layer, kind, name)}
+    if suffix.lower() == ".usda":
+        return {f"{name}{suffix}": _text(layer)}
+    return {f"{name}{suffix}": _package(layer, name) if suffix.lower() == ".usdz" else layer}
 
 
 def _see_large_hulls(packing: Packing, hulls: Literal["physx", "any"]) -> None:
@@ -125,16 +129,26 @@ def _see_large_hulls(packing: Packing, hulls: Literal["physx", "any"]) -> None:
         )  # fmt: skip
 
 
-def _made_by_openusd(layer: Iterable[bytes], kind: str, name: str) -> bytes:
-    """Return the text of a crate, or a package with the crate in it."""
-    from pxr import Sdf, UsdUtils
+def _text(layer: Iterable[bytes]) -> bytes:
+    """Return the text that OpenUSD makes of a crate."""
+    from pxr import Sdf
 
     with tempfile.TemporaryDirectory() as folder:
-        source, made = Path(folder) / f"{name}.usdc", Path(folder) / f"made{kind}"
+        source = Path(folder) / "layer.usdc"
         with source.open("wb") as file:
             file.writelines(layer)
-        opened: Any = Sdf.Layer.FindOrOpen(str(source))
-        done = UsdUtils.CreateNewUsdzPackage(str(source), str(made)) if kind == ".usdz" else opened.Export(str(made))
-        if not done:
-            raise WriteError(f"{made}: cannot be written")
-        return made.read_bytes()
+        text: str = Sdf.Layer.FindOrOpen(str(source)).ExportToString()
+        return text.encode()
+
+
+def _package(layer: Iterable[bytes], name: str) -> bytes:
+    """Return a package with a crate in it: a zip that packs nothing, its content at a multiple of 64 bytes."""
+    out = BytesIO()
+    # The clock of a zip begins in 1980: the same packing gives the same bytes.
+    entry = ZipInfo(f"{name}.usdc", date_time=(1980, 1, 1, 0, 0, 0))
+    gap = -(30 + len(entry.filename.encode()) + 4) % 64
+    # A field that readers pass over, of the number that OpenUSD itself pads with.
+    entry.extra = struct.pack("<HH", 0x1986, gap) + bytes(gap)
+    with ZipFile(out, "w") as package:
+        package.writestr(entry, b"".join(layer))
+    return out.getvalue()
