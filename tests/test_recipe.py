@@ -58,7 +58,7 @@ def test_seeds_of_a_recipe_are_found_beside_it(tmp_path):
 def test_the_example_recipe_can_be_read():
     recipe = recipes.read(recipes.EXAMPLE)
     assert recipe.grains.median_diameter == 0.72e-3
-    assert recipe.settle.shuffle
+    assert recipe.settle.start == "pour"
 
 
 @pytest.mark.parametrize(
@@ -66,7 +66,7 @@ def test_the_example_recipe_can_be_read():
     [
         ({"sedes": {}}, "sedes: unknown key; allowed are name, rng, domain, seeds"),
         ({"grains": {"porosty": 0.4}}, "grains.porosty: unknown key; allowed are keep, porosity, solid_fraction"),
-        ({"settle": {"frictoin": 0.4}}, "settle.frictoin: unknown key; allowed are shuffle, friction"),
+        ({"settle": {"frictoin": 0.4}}, "settle.frictoin: unknown key; allowed are start, spheres, friction"),
         ({"grains": {"porosity": -0.1}}, "grains.porosity: .*greater than or equal to 0; got -0.1"),
         ({"grains": {"porosity": 0.4, "scale": 0.5}}, "grains: give one of porosity, .*got porosity = 0.4, scale"),
         ({"grains": {}}, "grains: give one of porosity, .* relation; got none"),

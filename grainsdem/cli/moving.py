@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import typer
 
 import grainsdem
-from grainsdem.cli.options import Bed, Json, Quiet, Rng, app, err, guarded, load, out, print_json
+from grainsdem.cli.options import Bed, Json, Quiet, Rng, app, densities, err, guarded, load, out, print_json
 
 
 @app.command()
@@ -16,13 +16,29 @@ from grainsdem.cli.options import Bed, Json, Quiet, Rng, app, err, guarded, load
 def settle(
     bed: Bed,
     output: Annotated[Path, typer.Argument(help="The settled packing to write (.h5).", show_default=False)],
-    pour: Annotated[
-        bool,
-        typer.Option("--pour/--in-place", help="Rotate, reorder and pour the grains, or let them settle in place."),
-    ] = True,
+    start: Annotated[
+        Literal["pour", "rain", "place"],
+        typer.Option(
+            help="Rotate, reorder and pour the grains, rain them layer by layer, or let them settle in place, into a "
+            "jigsaw denser than any random pack."
+        ),
+    ] = "pour",
+    spheres: Annotated[
+        bool, typer.Option("--spheres", help="Replace each grain by the sphere of equal volume.")
+    ] = False,
     friction: Annotated[float, typer.Option(help="Coefficient of friction among grains.")] = 0.5,
     wall_friction: Annotated[
         float | None, typer.Option(help="The same with the walls; by default as among grains.")
+    ] = None,
+    gravity: Annotated[float, typer.Option(help="Acceleration [m/s²].")] = 9.81,
+    direction: Annotated[
+        tuple[float, float, float] | None, typer.Option(help="Where gravity points; by default straight down.")
+    ] = None,
+    density: Annotated[
+        str | None,
+        typer.Option(
+            help="Density [kg/m³] instead of the grains' own, or several and their shares: 2650:0.9,5200:0.1."
+        ),
     ] = None,
     time_step: Annotated[float, typer.Option(help="Time step in units of √(d/g).")] = 0.01,
     max_time: Annotated[float, typer.Option(help="Time limit in units of √(d/g).")] = 200.0,
@@ -30,6 +46,7 @@ def settle(
         Path | None,
         typer.Option(help="Write the history here while the run goes (.h5); an interrupted run keeps it."),
     ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with the killed run of that history.")] = False,
     rng: Rng = 0,
     json_: Json = False,
     quiet: Quiet = False,
@@ -41,19 +58,25 @@ def settle(
 
     storage.check_suffix(output)
     packing = load(bed)
-    start = grainsdem.shuffle(packing, rng=rng) if pour else packing
     with (
         ChainProgress(err, shown=not (quiet or json_)) as progress,
         progress.stage("Settling") as tell,
         keeping_last_good(output),
     ):
         settled = grainsdem.settle(
-            start,
+            packing,
+            start=start,
+            spheres=spheres,
             friction=friction,
             wall_friction=wall_friction,
+            gravity=gravity,
+            direction=direction,
+            density=densities(density),
+            rng=rng,
             time_step=time_step,
             max_time=max_time,
             history_path=history,
+            resume=resume,
             progress=settling_words(tell),
         )
     storage.save(settled.packing, output)

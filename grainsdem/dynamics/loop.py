@@ -90,6 +90,9 @@ class Loop:
         self.samples: list[Any] = []
         self._writer: HistoryWriter | None = None
 
+    def prepare(self) -> None:
+        """Act on the scene before the steps of each sample; it may depend on nothing but the state and the memory."""
+
     def drive(self) -> None:
         """Act on the scene before each step, where `is_driven`."""
         raise NotImplementedError
@@ -148,7 +151,10 @@ class Loop:
     def history(self) -> dict[str, NDArray[Any]]:
         """Return the samples as series, as they are stored."""
         rows = [self.in_si(row) for row in self.samples]
-        return {name: np.array(values) for name, values in zip(rows[0]._fields, zip(*rows, strict=True), strict=True)}
+        return {
+            name: np.array(values, dtype=np.float64)
+            for name, values in zip(rows[0]._fields, zip(*rows, strict=True), strict=True)
+        }
 
     def _begin(self, stack: ExitStack) -> None:
         """Measure the start, or take back what a checkpoint holds, and open the history."""
@@ -202,6 +208,7 @@ class Loop:
     def _advance(self) -> int:
         engine = self.scene.engine
         n_steps = max(1, round(self.sample_time / engine.time_step))
+        self.prepare()
         if not self.is_driven:
             engine.step(n_steps)
             return n_steps

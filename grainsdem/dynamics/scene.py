@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from exporters import mjcf
-from grainsdem.dynamics.engine import load
+from grainsdem.dynamics.engine import Apparatus, load
+from grainsdem.dynamics.starting import sphere_radii
 from grainsdem.errors import InputError
+from grainsdem.geometry.integrals import volumes
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -105,6 +107,32 @@ def build(packing: Packing, options: MjcfOptions) -> Scene:
     """
     refuse_periodic(packing)
     return scene_of(packing, mjcf.text(packing, options), options.gravity)
+
+
+def equip(packing: Packing, options: MjcfOptions, *, are_spheres: bool = False) -> Apparatus:
+    """Return the text that the MJCF exporter writes for a packing, ready for what an experiment adds to it.
+
+    Parameters
+    ----------
+    packing : Packing
+        The grains, spheres already where they are to be (`starting.as_spheres`).
+    options : MjcfOptions
+        Friction and the like; its gravity sets the units.
+    are_spheres : bool
+        Whether the model has perfect spheres instead of the grains' meshes: discs in planar work.
+
+    Raises
+    ------
+    InputError
+        If the packing is periodic.
+    """
+    refuse_periodic(packing)
+    apparatus = Apparatus(mjcf.text(packing, options))
+    if are_spheres:
+        units = mjcf.units(packing, options.gravity)
+        radii, masses = sphere_radii(packing) / units.length, volumes(packing.grains) * packing.densities / units.mass
+        apparatus.make_spheres(radii, (0.5 if packing.domain.is_planar else 0.4) * masses * radii**2)
+    return apparatus
 
 
 def scene_of(packing: Packing, text: str, gravity: float, *, are_spheres: bool = False) -> Scene:

@@ -10,7 +10,8 @@ import numpy as np
 from exporters.mjcf import MjcfOptions
 from grainsdem.dynamics.loop import Loop, Record
 from grainsdem.dynamics.mechanics import SAMPLE_UNITS, Sample, contact_graph, sample, snapshot
-from grainsdem.dynamics.scene import build, refuse_overlap
+from grainsdem.dynamics.scene import equip, refuse_overlap, scene_of
+from grainsdem.dynamics.starting import RAIN_SPEED, begin
 from grainsdem.dynamics.watch import find_trouble
 from grainsdem.errors import InputError
 
@@ -18,10 +19,13 @@ if TYPE_CHECKING:
     import os
     from collections.abc import Callable, Mapping
 
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
     from grainsdem.dynamics.scene import Scene
+    from grainsdem.dynamics.starting import Start
     from grainsdem.model import ContactGraph, Packing
+
+    Floats = NDArray[np.float64]
 
 REST_ENERGY = 1e-6
 """Mean kinetic energy of a grain at rest [m g d]."""
@@ -143,9 +147,14 @@ class Settled:
 def settle(
     packing: Packing,
     *,
+    start: Start = "place",
+    spheres: bool = False,
     friction: float = 0.5,
     wall_friction: float | None = None,
     gravity: float = 9.81,
+    direction: ArrayLike | None = None,
+    density: float | Mapping[float, float] | Callable[[Floats], ArrayLike] | None = None,
+    rng: np.random.Generator | int | None = None,
     time_step: float = 0.01,
     max_time: float = 200.0,
     history_path: str | os.PathLike[str] | None = None,
@@ -157,19 +166,32 @@ def settle(
     Parameters
     ----------
     packing : Packing
-        Grains free of overlap. Grains in place settle into a jigsaw, denser than any random pack: `shuffle` them first
-        for a bed as poured. The domain's floor and side walls are the container; there is no lid.
+        Grains free of overlap. The domain's floor and side walls are the container, be it a box, a cylinder or a
+        hopper; there is no lid. Planar packings move in their plane, and fall along −y.
+    start : {"place", "pour", "rain"}
+        Where grains start. In place they settle into a jigsaw, denser than any random pack, as the tessellation
+        remembers; poured they are rotated, reordered, lifted apart and let go at once; as rain they are let go layer by
+        layer.
+    spheres : bool
+        Whether each grain is replaced by the sphere of equal volume; they must be poured or rained.
     friction : float
         Coefficient of friction among grains [1].
     wall_friction : float, optional
         Coefficient of friction with the walls [1]; that of the grains by default.
     gravity : float
-        Acceleration [m/s²], along −z.
+        Acceleration [m/s²].
+    direction : array_like, shape (3,), optional
+        Where gravity points; it is scaled to length one, and must point toward the floor. Straight down by default.
+    density : float, mapping or callable, optional
+        Densities [kg/m³] instead of the grains' own: one for all, shares by number of several drawn at random, or a
+        function of the diameters [m].
+    rng : numpy.random.Generator, int or None
+        Source of randomness, or a seed for one, of what is drawn at the start.
     time_step : float
         Time step in units of √(d/g), d being the median diameter. The overlap at rest grows with its square, so a bed
         at rest on overlaps deeper than 5e-4 d goes on with half the step until they are shallower, three times at most.
     max_time : float
-        Time limit in units of √(d/g).
+        Time limit in units of √(d/g), from when the last grain is let go.
     history_path : str or path-like, optional
         HDF5 file that the history is appended to while the run goes, so that an interrupted run keeps what it had.
     resume : bool
@@ -186,7 +208,7 @@ def settle(
     Raises
     ------
     InputError
-        If the packing overlaps at the start, is periodic or planar, or an option is out of range.
+        If the packing overlaps at the start, is periodic, or an option is out of range.
     UnstableError
         If the run goes wrong and three smaller time steps do not help; its ``last_good`` is the last good packing.
 
@@ -198,19 +220,38 @@ def settle(
     if not max_time > 0:
         raise InputError(f"max_time must be positive; got {max_time}")
     options = MjcfOptions(friction=friction, wall_friction=wall_friction, gravity=gravity, time_step=time_step)
-    scene = build(packing, options)
+    first = begin(packing, start=start, spheres=spheres, density=density, rng=rng)
+    apparatus = equip(first, options, are_spheres=spheres)
+    if direction is not None:
+        apparatus.set_gravity(_downward(direction, is_planar=packing.domain.is_planar))
+    scene = scene_of(first, apparatus.text(), gravity, are_spheres=spheres)
     refuse_overlap(scene)
     run = SettleLoop(scene, Record(history_path, resume, {"max_time": max_time}), progress, max_time)
+    if start == "rain":
+        run.rain()
     run.run()
     settled = scene.packing().with_step(
         "settle",
+        start=start,
+        spheres=spheres,
         friction=friction,
         wall_friction=wall_friction,
         gravity=gravity,
+        direction=None if direction is None else scene.engine.gravity.tolist(),
         time_step=time_step,
         at_rest=run.at_rest,
     )
     return Settled(settled, run.history(), _report(run), contact_graph(snapshot(scene)))
+
+
+def _downward(direction: ArrayLike, *, is_planar: bool) -> Floats:
+    """Return the unit vector along ``direction``, or raise `InputError` unless it points toward the floor."""
+    vector = np.asarray(direction, dtype=np.float64)
+    up = 1 if is_planar else 2
+    if vector.shape != (3,) or not np.isfinite(vector).all() or not vector[up] < 0 or (is_planar and vector[2] != 0):
+        allowed = "(x, y, 0) with y below zero" if is_planar else "(x, y, z) with z below zero"
+        raise InputError(f"direction must be {allowed}: there is no lid; got {np.asarray(direction).tolist()}")
+    return np.asarray(vector / np.linalg.norm(vector))
 
 
 class SettleLoop(Loop):
@@ -227,6 +268,27 @@ class SettleLoop(Loop):
         self.at_rest = False
         self._rested_from = 0
         self._lowest = sample(scene).total_energy
+        self._nozzle = np.inf
+        self._is_wet = False
+
+    def rain(self) -> None:
+        """Let grains come down at a steady speed until they pass the middle of the container, and fall from there."""
+        scene, up = self.scene, self.scene.up
+        domain = scene.source.domain
+        self._nozzle = float(0.5 * (domain.lower + domain.upper)[up] / scene.units.length)
+        self._is_wet = True
+        velocities = np.tile(RAIN_SPEED * scene.engine.gravity, (scene.n_grains, 1))
+        scene.engine.set_velocities(velocities)
+        highest = float(scene.poses()[0][:, up].max())
+        self.limit += (highest - self._nozzle) / -velocities[0, up]
+        self._lowest = sample(scene).total_energy
+
+    def prepare(self) -> None:
+        """Take the weight off grains that have not been let go."""
+        if self._is_wet:
+            waiting = self.scene.poses()[0][:, self.scene.up] > self._nozzle
+            self.scene.engine.hold_up(waiting)
+            self._is_wet = bool(waiting.any())
 
     def measure(self) -> Sample:
         """Return what the state of the last step says."""
@@ -279,6 +341,7 @@ class SettleLoop(Loop):
             "at_rest": self.at_rest,
             "rested_from": self._rested_from,
             "lowest": self._lowest,
+            "is_wet": self._is_wet,
         }
 
     def recall(self, memory: Mapping[str, Any]) -> None:
@@ -286,6 +349,7 @@ class SettleLoop(Loop):
         super().recall(memory)
         self.refinements, self.at_rest = memory["refinements"], memory["at_rest"]
         self._rested_from, self._lowest = memory["rested_from"], memory["lowest"]
+        self._is_wet = memory["is_wet"]
 
     def _rests(self) -> bool:
         if self.scene.time() <= LEAST_TIME or len(self.samples) - self._rested_from <= REST_SAMPLES:
@@ -308,5 +372,5 @@ def _report(run: SettleLoop) -> SettleReport:
         overlap_mean=last.overlap_mean,
         overlap_max=last.overlap_max,
         floor_force=float(np.mean([s.floor_force for s in run.samples[-REST_SAMPLES:]])),
-        n_contacts=last.n_contacts,
+        n_contacts=int(last.n_contacts),
     )

@@ -64,8 +64,10 @@ def find_trouble(scene: Scene, now: Sample, before: Sample, lowest: float) -> No
 def _distance_outside(scene: Scene) -> NDArray[np.float64]:
     """Return how far each centroid lies outside the floor and the side walls, in diameters, shape (n,)."""
     positions, _ = scene.poses()
-    lower = scene.source.domain.lower / scene.units.length
-    upper = (scene.source.domain.upper / scene.units.length).copy()
+    domain = scene.source.domain.scaled(1 / scene.units.length)
+    upper = domain.upper.copy()
     upper[scene.up] = np.inf  # there is no lid
-    distances: NDArray[np.float64] = np.maximum(lower - positions, positions - upper).max(axis=1)
+    distances: NDArray[np.float64] = np.maximum(domain.lower - positions, positions - upper).max(axis=1)
+    for plane in domain.planes:
+        distances = np.maximum(distances, positions @ plane[:3] - plane[3])
     return distances

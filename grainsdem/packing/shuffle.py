@@ -44,49 +44,59 @@ def shuffle(packing: Packing, *, rng: np.random.Generator | int | None = None, c
     Raises
     ------
     InputError
-        If the domain's floor is narrower than the largest grain, the domain is planar, or ``clearance`` is negative.
+        If the domain's floor is narrower than the largest grain, or ``clearance`` is negative.
+
+    Notes
+    -----
+    Planar grains are turned in their plane and lifted along y.
     """
     if clearance < 0:
         raise InputError(f"clearance must be zero or more; got {clearance}")
     domain = packing.domain
-    if domain.is_planar:
-        raise InputError("a planar packing cannot be shuffled: its grains turn in the plane only")
+    up = 1 if domain.is_planar else 2
     generator = np.random.default_rng(rng)
     order = generator.permutation(len(packing))
     grains, _ = select(packing.grains, order)
-    radius = float(np.sqrt(np.max(np.einsum("ij,ij->i", grains.vertices, grains.vertices))))
+    reach = grains.vertices[:, : up + 1]
+    radius = float(np.sqrt(np.max(np.einsum("ij,ij->i", reach, reach))))
     pitch = 2 * radius * (1 + clearance)
-    columns = np.floor(domain.lengths[:2] / pitch + 1e-9).astype(int)
+    columns = np.floor(domain.lengths[:up] / pitch + 1e-9).astype(int)
     if columns.min() < 1:
         raise InputError(
-            f"the floor {domain.lengths[:2].tolist()} m must be wider than the largest grain, {pitch:.4g} m with "
+            f"the floor {domain.lengths[:up].tolist()} m must be wider than the largest grain, {pitch:.4g} m with "
             f"clearance"
         )
     positions = _lattice(len(packing), columns, domain, pitch)
-    turned = multiply(random_quaternions(len(packing), generator), packing.quaternions[order])
-    upper = np.array([*domain.upper[:2], positions[-1, 2] + 0.5 * pitch])
+    turned = multiply(_turns(len(packing), generator, is_planar=domain.is_planar), packing.quaternions[order])
+    upper = domain.upper.copy()
+    upper[up] = positions[-1, up] + 0.5 * pitch
+    if domain.is_planar:
+        positions[:, 2] = packing.positions[order, 2]
     return replace(
         packing,
         grains=grains,
         positions=positions,
         quaternions=turned / np.linalg.norm(turned, axis=1, keepdims=True),
         densities=packing.densities[order],
-        domain=Domain(domain.lower, upper, planes=domain.planes),
+        domain=Domain(domain.lower, upper, is_planar=domain.is_planar, planes=domain.planes),
         links=None,
     ).with_step("shuffle", clearance=clearance)
 
 
 def _lattice(n: int, columns: NDArray[np.int64], domain: Domain, pitch: float) -> NDArray[np.float64]:
     """Return ``n`` places in the domain, layer by layer from the floor; its planes reach upward past its lid."""
-    per_layer = int(columns.prod())
+    up, per_layer = columns.size, int(columns.prod())
     # Spread evenly between four walls; close together where planes cut the corners off.
-    spacing = np.append(np.full(2, pitch) if len(domain.planes) else domain.lengths[:2] / columns, pitch)
-    margin = np.append((domain.lengths[:2] - columns * spacing[:2]) / 2, 0.0)
+    spacing = np.append(np.full(up, pitch) if len(domain.planes) else domain.lengths[:up] / columns, pitch)
+    margin = np.append((domain.lengths[:up] - columns * spacing[:up]) / 2, 0.0)
     n_layers = -(-n // per_layer)
     for _ in range(_DOUBLINGS):
         index = np.arange(n_layers * per_layer)
-        ijk = np.stack([index % columns[0], index // columns[0] % columns[1], index // per_layer], axis=1)
-        places = domain.lower + margin + (ijk + 0.5) * spacing
+        across = [index % columns[0], index // columns[0] % columns[1]] if up == 2 else [index % columns[0]]
+        places = np.zeros((index.size, 3))
+        places[:, up + 1 :] = (0.5 * (domain.lower + domain.upper))[up + 1 :]
+        steps = np.stack([*across, index // per_layer], axis=1)
+        places[:, : up + 1] = domain.lower[: up + 1] + margin + (steps + 0.5) * spacing
         is_inside = np.ones(len(places), dtype=bool)
         for plane in domain.planes:
             is_inside &= places @ plane[:3] <= plane[3] - 0.5 * pitch
@@ -95,3 +105,11 @@ def _lattice(n: int, columns: NDArray[np.int64], domain: Domain, pitch: float) -
             return chosen
         n_layers *= 2
     raise InputError(f"the domain's planes leave no room to lift {n} grains of {pitch:.4g} m apart")
+
+
+def _turns(n: int, rng: np.random.Generator, *, is_planar: bool) -> NDArray[np.float64]:
+    """Return random rotations, shape (n, 4); in planar work about z alone."""
+    if not is_planar:
+        return random_quaternions(n, rng)
+    half = rng.uniform(0.0, np.pi, n)
+    return np.stack([np.cos(half), 0 * half, 0 * half, np.sin(half)], axis=1)

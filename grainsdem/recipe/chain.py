@@ -14,9 +14,9 @@ from grainsdem.atomic import replacing
 from grainsdem.dynamics import Settled, settle
 from grainsdem.errors import UnstableError, WriteError
 from grainsdem.measures import summary
-from grainsdem.packing import contacts, shuffle
+from grainsdem.packing import contacts
 from grainsdem.recipe.growing import grow, stream
-from grainsdem.recipe.tables import OutputTable, Recipe, SettleTable
+from grainsdem.recipe.motion import SettleTable
 from grainsdem.recipe.words import Monitor, Silent, counting_words, settling_words, throat_widths_told
 from grainsdem.validation import validate
 
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from grainsdem.model import ContactGraph, Packing, Report
+    from grainsdem.recipe.tables import OutputTable, Recipe
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -125,10 +126,9 @@ def _write(packing: Packing, graph: ContactGraph, stem: Path, output: OutputTabl
 
 def _settle(fresh: Packing, recipe: Recipe, folder: Path, monitor: Monitor) -> Settled:
     table = recipe.settle or SettleTable()
-    start = shuffle(fresh, rng=stream(recipe, 1)) if table.shuffle else fresh
-    options = table.model_dump(exclude={"shuffle", "overlap"})
+    options = {**table.model_dump(exclude={"overlap"}), "rng": stream(recipe, 1)}
     with monitor.stage("Settling") as tell, keeping_last_good(folder / "settled.h5"):
-        return settle(start, **options, history_path=folder / "history.h5", progress=settling_words(tell))
+        return settle(fresh, **options, history_path=folder / "history.h5", progress=settling_words(tell))
 
 
 @contextmanager

@@ -10,9 +10,10 @@ from pydantic import Field, ValidationError, model_validator
 
 import exporters
 from grainsdem.errors import FileFormatError, InputError, MissingFileError, name_offenders
-from grainsdem.recipe.base import Coefficient, Positive, Table
+from grainsdem.recipe.base import Table
 from grainsdem.recipe.domain import DomainTable
 from grainsdem.recipe.grains import GrainsTable, SizesTable, ThroatsTable
+from grainsdem.recipe.motion import SettleTable
 from grainsdem.recipe.seeds import SeedsTable
 
 if TYPE_CHECKING:
@@ -21,36 +22,6 @@ if TYPE_CHECKING:
 
 EXAMPLE = Path(__file__).parent.parent / "ottawa_sand.toml"
 """The demo's recipe: ASTM 20/30 Ottawa sand."""
-
-
-class SettleTable(Table):
-    """``[settle]``: how the grains come to rest; leave the table out for a bed that is only grown.
-
-    Parameters
-    ----------
-    shuffle : bool
-        Whether grains are rotated, reordered and poured; else they settle in place, into a jigsaw.
-    friction : float
-        Coefficient of friction among grains.
-    wall_friction : float, optional
-        Coefficient of friction with the walls; that of the grains by default.
-    gravity : float
-        Acceleration [m/s²].
-    time_step : float
-        Time step in units of √(d/g).
-    max_time : float
-        Time limit in units of √(d/g).
-    overlap : float
-        Largest overlap volume that the soft contacts may leave, relative to the smaller grain.
-    """
-
-    shuffle: bool = True
-    friction: Coefficient = 0.5
-    wall_friction: Coefficient | None = None
-    gravity: Positive = 9.81
-    time_step: Positive = 0.01
-    max_time: Positive = 200.0
-    overlap: Positive = 1e-3
 
 
 class OutputTable(Table):

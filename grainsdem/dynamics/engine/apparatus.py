@@ -49,17 +49,15 @@ class Apparatus:
         _find(self._root, "statistic").set("meaninertia", _numbers(_GRAIN_INERTIA))
         return ET.tostring(self._root, encoding="unicode")
 
-    def make_spheres(self, radii: ArrayLike, masses: ArrayLike) -> None:
-        """Replace every grain by a sphere of its own: radii [d] and masses, shape (n,)."""
+    def make_spheres(self, radii: ArrayLike, moments: ArrayLike) -> None:
+        """Replace every grain by a sphere of the same mass: radii [d] and moments of inertia, shape (n,)."""
         assets = _find(self._root, "asset")
         for mesh in assets.findall("mesh"):
             assets.remove(mesh)
-        numbers = np.column_stack(np.broadcast_arrays(radii, masses)).tolist()
-        for body, (radius, mass) in zip(self._grains.values(), numbers, strict=True):
+        numbers = np.column_stack([radii, moments]).tolist()
+        for body, (radius, moment) in zip(self._grains.values(), numbers, strict=True):
             inertial, shape = _find(body, "inertial"), _find(body, "geom")
-            inertial.attrib.update(
-                pos="0 0 0", quat="1 0 0 0", diaginertia=_numbers(np.full(3, 0.4 * mass * radius**2))
-            )
+            inertial.attrib.update(pos="0 0 0", quat="1 0 0 0", diaginertia=_numbers(np.full(3, moment)))
             del shape.attrib["mesh"]
             shape.attrib.update(type="sphere", size=_numbers(radius))
 

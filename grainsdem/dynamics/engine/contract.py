@@ -106,6 +106,12 @@ class Engine(Protocol):
     def set_friction(self, friction: float) -> None:
         """Change the coefficient of friction among grains."""
 
+    def set_velocities(self, velocities: ArrayLike) -> None:
+        """Set the velocities of the grains that are not glued [d/t], shape (n, 3); spins become zero."""
+
+    def hold_up(self, rows: NDArray[np.bool_]) -> None:
+        """Take the weight off some grains, shape (n,), and give it back to all others."""
+
     def remove(self, part: str) -> None:
         """Let grains pass through a part from now on."""
 

@@ -113,6 +113,22 @@ class MujocoEngine:
         """Change the coefficient of friction among grains."""
         self.model.geom_friction[self._is_loose(), 0] = friction
 
+    def set_velocities(self, velocities: ArrayLike) -> None:
+        """Set the velocities of the grains that are not glued [d/t], shape (n, 3); spins become zero."""
+        values = np.asarray(velocities, dtype=np.float64)
+        for rows, dofs, axes in self._loose_dofs():
+            self.data.qvel[dofs] = 0.0
+            along = values[rows, :axes]
+            if axes == 2:  # each slides along axes of its own, turned with it at the start
+                joints = self.model.dof_jntid[dofs[:, :2]]
+                along = np.einsum("nki,ni->nk", self.data.xaxis[joints], values[rows])
+            self.data.qvel[dofs[:, :axes]] = along
+
+    def hold_up(self, rows: NDArray[np.bool_]) -> None:
+        """Take the weight off some grains, shape (n,), and give it back to all others."""
+        lift = -self.masses[:, None] * self.gravity * np.asarray(rows)[:, None]
+        self.data.xfrc_applied[self.body_of_grain, :3] = lift
+
     def remove(self, part: str) -> None:
         """Let grains pass through a part from now on."""
         chosen = self._id_of_geom == -1 - self.parts.index(part)
@@ -181,12 +197,8 @@ class MujocoEngine:
     def accelerations(self) -> Floats:
         """Return the magnitude of each centroid's acceleration [g] in the last step, shape (n,)."""
         result = np.zeros(self.n_grains)
-        dofs = self.model.body_dofnum[self.body_of_grain]
-        # Free joints have six speeds, planar ones three; the first three or two are those of the centroid.
-        for count, axes in ((6, 3), (3, 2)):
-            rows = np.flatnonzero(dofs == count)
-            first = self.model.body_dofadr[self.body_of_grain[rows]]
-            result[rows] = np.linalg.norm(self.data.qacc[first[:, None] + np.arange(axes)], axis=1)
+        for rows, dofs, axes in self._loose_dofs():
+            result[rows] = np.linalg.norm(self.data.qacc[dofs[:, :axes]], axis=1)
         return result
 
     def deepest_overlap(self) -> tuple[float, tuple[str, str]]:
@@ -259,6 +271,17 @@ class MujocoEngine:
         body = int(self.model.jnt_bodyid[joint])
         grain = self.grain_of_body[body]
         return f"grain {grain}" if grain >= 0 else str(self.model.body(body).name)
+
+    def _loose_dofs(self) -> list[tuple[NDArray[np.intp], NDArray[np.intp], int]]:
+        """Return numbers, places of all speeds, and how many of these are the centroid's, of free and planar grains."""
+        counts = self.model.body_dofnum[self.body_of_grain]
+        found = []
+        # Free joints have six speeds, planar ones three; the first three or two are those of the centroid.
+        for count, axes in ((6, 3), (3, 2)):
+            rows = np.flatnonzero(counts == count)
+            first = self.model.body_dofadr[self.body_of_grain[rows]]
+            found.append((rows, first[:, None] + np.arange(count), axes))
+        return found
 
     def _is_loose(self) -> NDArray[np.bool_]:
         """Return which geoms are grains that move by themselves."""

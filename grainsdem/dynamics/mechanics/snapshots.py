@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from grainsdem.dynamics.starting import sphere_radii
 from grainsdem.geometry.integrals import integrate
 from grainsdem.geometry.rotations import to_matrices
 from grainsdem.model.arrays import Noun
@@ -98,8 +99,8 @@ class Snapshot(Noun):
         """Return the tensor of inertia [kg m²] of each grain in the world's frame, shape (n, 3, 3)."""
         integrals = integrate(self.packing.grains)
         if self.are_spheres:
-            radii = np.cbrt(0.75 / np.pi * integrals.volumes)
-            moments = 0.4 * integrals.volumes * self.packing.densities * radii**2
+            shape = 0.5 if self.packing.domain.is_planar else 0.4
+            moments = shape * integrals.volumes * self.packing.densities * sphere_radii(self.packing) ** 2
             return np.asarray(moments[:, None, None] * np.eye(3))
         turns = to_matrices(self.packing.quaternions)
         own = integrals.inertias * self.packing.densities[:, None, None]

@@ -1,0 +1,196 @@
+"""How a run begins: grains where they stand, poured or rained, of other densities, or as spheres of equal volume."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from exporters.check import check_choice
+from grainsdem.errors import InputError, name_offenders
+from grainsdem.geometry.integrals import volumes
+from grainsdem.measures import diameters
+from grainsdem.model import Domain, Polyhedra
+from grainsdem.packing import shuffle
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from grainsdem.model import Packing
+
+    Floats = NDArray[np.float64]
+
+Start = Literal["place", "pour", "rain"]
+"""``place``: where the grains stand, a jigsaw denser than any random pack. ``pour``: rotated, reordered, lifted apart,
+and let go at once. ``rain``: the same, but let go layer by layer as they come down at a steady speed."""
+
+RAIN_SPEED = 1.0
+"""Speed [√(g d)] at which rain comes down until it is let go."""
+
+_CLEARANCE = 0.02
+"""Smallest gap between grains lifted apart, relative to the largest one's circumscribed diameter."""
+
+_CORNERS = 64
+"""Corners of the prism that stands for a disc."""
+
+_SPLITS = 2
+"""How often the faces of an icosahedron are split for a sphere: 320 triangles, corners 1 % outside the sphere."""
+
+
+def begin(
+    packing: Packing,
+    *,
+    start: Start = "place",
+    spheres: bool = False,
+    density: float | Mapping[float, float] | Callable[[Floats], ArrayLike] | None = None,
+    rng: np.random.Generator | int | None = None,
+) -> Packing:
+    """Return the grains as a run is to begin with them.
+
+    Parameters
+    ----------
+    packing : Packing
+        The grains.
+    start : {"place", "pour", "rain"}
+        See `Start`.
+    spheres : bool
+        Whether each is replaced by the sphere of equal volume (`as_spheres`).
+    density : float, mapping or callable, optional
+        A density [kg/m³] for all; a mapping from densities to their shares by number, drawn at random; or a function of
+        the diameters [m], shape (n,). Each grain's own by default.
+    rng : numpy.random.Generator, int or None
+        Source of randomness, or a seed for one.
+    """
+    check_choice("start", start, ("place", "pour", "rain"))
+    generator = np.random.default_rng(rng)
+    if spheres:
+        packing = as_spheres(packing)
+    if start != "place":
+        packing = shuffle(packing, rng=generator, clearance=_CLEARANCE)
+        packing = _nudged(packing, generator) if spheres else packing
+    if density is not None:
+        packing = replace(packing, densities=_densities(packing, density, generator)).with_step("densities")
+    return _lifted(packing) if start == "rain" else packing
+
+
+def sphere_radii(packing: Packing) -> Floats:
+    """Return the radius [m] of each grain's sphere of equal volume, shape (n,); in planar work, of its disc."""
+    content = volumes(packing.grains)
+    if not packing.domain.is_planar:
+        return np.asarray(np.cbrt(0.75 / np.pi * content))
+    heights = packing.grains.vertices[:, 2]
+    first = packing.grains.vertex_offsets[:-1]
+    thickness = np.maximum.reduceat(heights, first) - np.minimum.reduceat(heights, first)
+    return np.asarray(np.sqrt(content / (np.pi * thickness)))
+
+
+def as_spheres(packing: Packing) -> Packing:
+    """Return the packing with each grain replaced by a sphere of equal volume, as a polyhedron of 320 faces.
+
+    In planar work it is a disc, as a prism of 64 sides. Spheres reach farther than the flat faces of the grains that
+    they replace: grains in place overlap as spheres, and must be poured. Where two spheres touch, corners of their
+    polyhedra may overlap by 2 % of a diameter.
+    """
+    n, planar = len(packing), packing.domain.is_planar
+    unit, faces = _disc() if planar else _ball()
+    corners = np.tile(unit, (n, 1, 1))
+    single = Polyhedra(unit, [0, len(unit)], [0, len(faces)], np.concatenate(faces), _offsets(faces))  # type: ignore[arg-type]
+    if planar:
+        radii = sphere_radii(packing) * np.sqrt(np.pi / volumes(single))
+        heights = packing.grains.vertices[:, 2]
+        corners[:, :, 2] *= np.maximum.reduceat(heights, packing.grains.vertex_offsets[:-1])[:, None] * 2
+        corners[:, :, :2] *= radii[:, None, None]
+    else:
+        corners *= np.cbrt(volumes(packing.grains) / volumes(single))[:, None, None]
+    sizes = np.array([len(face) for face in faces])
+    shapes = Polyhedra(
+        corners.reshape(-1, 3),
+        len(unit) * np.arange(n + 1),
+        len(faces) * np.arange(n + 1),
+        np.tile(np.concatenate(faces), n),
+        np.concatenate([[0], np.cumsum(np.tile(sizes, n))]),
+    )
+    return replace(packing, grains=shapes, links=None).with_step("as_spheres")
+
+
+def _densities(
+    packing: Packing,
+    density: float | Mapping[float, float] | Callable[[Floats], ArrayLike],
+    generator: np.random.Generator,
+) -> Floats:
+    n = len(packing)
+    if isinstance(density, Mapping):
+        kinds, shares = np.array(list(density), float), np.array(list(density.values()), float)
+        if not (shares.size and (shares >= 0).all() and shares.sum() > 0):
+            raise InputError(f"shares of densities must be zero or more, and one above it; got {dict(density)}")
+        values = generator.choice(kinds, n, p=shares / shares.sum())
+    elif callable(density):
+        values = np.broadcast_to(np.asarray(density(diameters(packing.grains)), float), n)
+    else:
+        values = np.full(n, float(density))
+    bad = np.flatnonzero(~(np.isfinite(values) & (values > 0)))
+    if bad.size:
+        raise InputError(f"densities must be positive and finite; those of grains {name_offenders(bad)} are not")
+    return values
+
+
+def _nudged(packing: Packing, generator: np.random.Generator) -> Packing:
+    """Return the spheres moved sideways on their lattice, within its gaps: they would stand on each other's tops."""
+    corners, first = packing.grains.vertices, packing.grains.vertex_offsets[:-1]
+    flat = corners[:, :2] if packing.domain.is_planar else corners
+    reach = np.sqrt(np.maximum.reduceat(np.einsum("ij,ij->i", flat, flat), first))
+    gaps = (reach.max() * (1 + _CLEARANCE) - reach) / np.sqrt(2)
+    axes = 1 if packing.domain.is_planar else 2
+    positions = packing.positions.copy()
+    positions[:, :axes] += generator.uniform(-1.0, 1.0, (len(packing), axes)) * gaps[:, None]
+    return replace(packing, positions=positions)
+
+
+def _lifted(packing: Packing) -> Packing:
+    """Return the grains as high above the floor again as their lattice reaches: a bed is less than half as high."""
+    domain, up = packing.domain, 1 if packing.domain.is_planar else 2
+    rise = np.zeros(3)
+    rise[up] = domain.lengths[up]
+    taller = Domain(domain.lower, domain.upper + rise, is_planar=domain.is_planar, planes=domain.planes)
+    return replace(packing, positions=packing.positions + rise, domain=taller).with_step("rain")
+
+
+def _ball() -> tuple[Floats, list[NDArray[np.int64]]]:
+    """Return corners on the unit sphere, shape (162, 3), and triangles wound outward."""
+    from scipy.spatial import ConvexHull  # noqa: PLC0415  (half a second, and only for spheres)
+
+    golden = (1 + np.sqrt(5)) / 2
+    base = np.array([[0, a, b] for a in (-1, 1) for b in (-golden, golden)])
+    corners = np.concatenate([np.roll(base, k, axis=1) for k in range(3)])
+    for _ in range(_SPLITS):
+        faces = ConvexHull(corners).simplices
+        edges = np.unique(
+            np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1), axis=0
+        )
+        corners /= np.linalg.norm(corners, axis=1, keepdims=True)
+        middles = corners[edges].sum(axis=1)
+        corners = np.concatenate([corners, middles / np.linalg.norm(middles, axis=1, keepdims=True)])
+    faces = ConvexHull(corners).simplices.astype(np.int64)
+    a, b, c = np.moveaxis(corners[faces], 1, 0)
+    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), a) < 0
+    faces[inward] = faces[inward][:, ::-1]
+    return corners, list(faces)
+
+
+def _disc() -> tuple[Floats, list[NDArray[np.int64]]]:
+    """Return the corners of a prism around the z axis, of unit radius and from −1/2 to 1/2, and its faces."""
+    angles = 2 * np.pi / _CORNERS * np.arange(_CORNERS)
+    ring = np.column_stack([np.cos(angles), np.sin(angles)])
+    corners = np.concatenate([np.insert(ring, 2, z, axis=1) for z in (-0.5, 0.5)])
+    one = np.arange(_CORNERS)
+    two = (one + 1) % _CORNERS
+    sides = np.column_stack([one, two, two + _CORNERS, one + _CORNERS])
+    return corners, [one[::-1], one + _CORNERS, *sides]
+
+
+def _offsets(faces: list[NDArray[np.int64]]) -> NDArray[np.int64]:
+    return np.concatenate([[0], np.cumsum([len(face) for face in faces])])

@@ -1,0 +1,58 @@
+"""Tables of what moves the grains."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from grainsdem.recipe.base import Coefficient, Positive, Table
+
+Direction = tuple[float, float, float]
+Shares = Annotated[dict[Positive, Coefficient], Field(min_length=1)]
+
+
+class SettleTable(Table):
+    """``[settle]``: how the grains come to rest; leave the table out for a bed that is only grown.
+
+    Parameters
+    ----------
+    start : {"pour", "rain", "place"}
+        Whether grains are rotated, reordered and poured, or rained layer by layer; or settle in place, into a jigsaw.
+    spheres : bool
+        Whether each grain is replaced by the sphere of equal volume.
+    friction : float
+        Coefficient of friction among grains.
+    wall_friction : float, optional
+        Coefficient of friction with the walls; that of the grains by default.
+    gravity : float
+        Acceleration [m/s²].
+    direction : list of three floats, optional
+        Where gravity points; straight down by default.
+    density : float or table, optional
+        Density [kg/m³] instead of the grains' own, or densities and their shares by number, as in
+        ``{2650 = 0.9, 5200 = 0.1}``.
+    time_step : float
+        Time step in units of √(d/g).
+    max_time : float
+        Time limit in units of √(d/g).
+    overlap : float
+        Largest overlap volume that the soft contacts may leave, relative to the smaller grain.
+    """
+
+    start: Literal["pour", "rain", "place"] = "pour"
+    spheres: bool = False
+    friction: Coefficient = 0.5
+    wall_friction: Coefficient | None = None
+    gravity: Positive = 9.81
+    direction: Direction | None = None
+    density: Positive | Shares | None = None
+    time_step: Positive = 0.01
+    max_time: Positive = 200.0
+    overlap: Positive = 1e-3
+
+    @model_validator(mode="after")
+    def _room_for_spheres(self) -> Self:
+        if self.spheres and self.start == "place":
+            raise ValueError("spheres overlap where grains stand in place; start must be 'pour' or 'rain'")
+        return self

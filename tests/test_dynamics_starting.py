@@ -1,0 +1,170 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from grainsdem.dynamics import settle
+from grainsdem.dynamics.starting import as_spheres, begin, sphere_radii
+from grainsdem.errors import InputError
+from grainsdem.geometry.integrals import volumes
+from grainsdem.geometry.rotations import to_matrices
+from grainsdem.measures import core_box, diameters, porosity
+from grainsdem.model import Domain
+from grainsdem.packing import carve, shrink, shuffle
+from grainsdem.points import poisson
+from grainsdem.tessellation import relax, tessellate
+from grainsdem.validation import validate
+
+
+@pytest.fixture(scope="module")
+def flat():
+    """A planar bed of 40 prisms."""
+    slab = Domain.slab((8e-3, 6e-3), 1e-3)
+    seeds = relax(poisson(slab, 60, rng=3), slab, iterations=2)
+    return shrink(carve(tessellate(seeds, slab)), porosity=0.3)
+
+
+@pytest.fixture(scope="module")
+def rained(fresh):
+    return settle(fresh, start="rain", rng=1)
+
+
+@pytest.mark.unit
+def test_spheres_have_the_grains_volumes_and_reach_as_far_everywhere(fresh):
+    round_ = as_spheres(fresh)
+    np.testing.assert_allclose(volumes(round_.grains), volumes(fresh.grains), rtol=1e-12)
+    np.testing.assert_allclose(2 * sphere_radii(round_), diameters(fresh.grains), rtol=1e-12)
+    distances = np.linalg.norm(round_.grains.vertices, axis=1).reshape(len(fresh), -1)
+    np.testing.assert_allclose(
+        distances, np.broadcast_to(1.01 * sphere_radii(fresh)[:, None], distances.shape), rtol=5e-3
+    )
+
+
+@pytest.mark.unit
+def test_discs_have_the_prisms_areas_and_thickness(flat):
+    round_ = as_spheres(flat)
+    np.testing.assert_allclose(volumes(round_.grains), volumes(flat.grains), rtol=1e-12)
+    assert np.ptp(round_.grains.vertices[:, 2]) == pytest.approx(np.ptp(flat.grains.vertices[:, 2]))
+    np.testing.assert_allclose(np.pi * sphere_radii(flat) ** 2 * 1e-3, volumes(flat.grains), rtol=1e-9)
+
+
+@pytest.mark.unit
+def test_planar_grains_are_shuffled_in_their_plane(flat):
+    loose = shuffle(flat, rng=2)
+    assert loose.domain.is_planar
+    assert validate(loose).ok
+    np.testing.assert_allclose(to_matrices(loose.quaternions)[:, 2, 2], 1.0)
+    assert np.ptp(to_matrices(loose.quaternions)[:, 0, 0]) > 1.5
+    assert loose.positions[:, 1].max() > flat.positions[:, 1].max()
+
+
+@pytest.mark.statistical
+def test_shares_of_densities_are_drawn_by_number(fresh):
+    many = begin(fresh, density={2650.0: 3, 5200.0: 1}, rng=4).densities
+    share = np.mean(many == 5200.0)
+    assert set(many) == {2650.0, 5200.0}
+    assert share == pytest.approx(0.25, abs=5 * np.sqrt(0.25 * 0.75 / len(fresh)))
+
+
+@pytest.mark.unit
+def test_a_density_may_be_a_law_of_the_diameter(fresh):
+    made = begin(fresh, density=lambda d: 1000.0 * d / d.min())
+    np.testing.assert_allclose(made.densities, 1000.0 * diameters(fresh.grains) / diameters(fresh.grains).min())
+
+
+@pytest.mark.client
+def test_rain_comes_to_rest_as_a_bed(rained):
+    assert rained.report.at_rest
+    assert rained.report.floor_force == pytest.approx(1.0, abs=0.005)
+    assert validate(rained.packing, overlap=1e-3).ok
+
+
+@pytest.mark.client
+def test_energy_never_rises_while_it_rains(rained):
+    assert (np.diff(rained.history["total_energy"]) < 1e-4).all()
+
+
+@pytest.mark.client
+def test_rain_keeps_its_speed_until_it_is_let_go(fresh):
+    falling = settle(fresh, start="rain", rng=1, max_time=1e-9, friction=0.0).history["total_energy"]
+    # Its weight is carried: potential energy goes at the speed of the fall, and no kinetic energy comes in its place.
+    assert falling[0] - falling[3] == pytest.approx(0.6, rel=0.02)
+
+
+@pytest.mark.client
+def test_spheres_do_not_stand_on_each_others_tops(fresh):
+    result = settle(fresh, start="pour", spheres=True, rng=1)
+    assert result.report.at_rest
+    assert result.contacts.coordination().mean() > 2.8
+    assert porosity(result.packing, region=core_box(result.packing, margin=0.5)) < 0.5
+
+
+@pytest.mark.client
+def test_a_sphere_rolls_down_as_rolling_does():
+    # Without slip a sphere has 5/7 of a frictionless block's acceleration: mean kinetic energy 1/2 (1 + 2/5) v².
+    from conftest import cube_packing
+
+    ball = as_spheres(cube_packing([[5.0, 5.0, 1.3]], domain=Domain.box((40.0, 10.0, 10.0))))
+    lying = replace(ball, positions=[[5.0, 5.0, float(sphere_radii(ball)[0])]])
+    slope = np.radians(10.0)
+    moved = settle(lying, spheres=True, direction=(np.sin(slope), 0.0, -np.cos(slope)), max_time=3.0, friction=0.8)
+    seconds = moved.history["time"][-1]
+    way = moved.packing.positions[0, 0] - 5.0
+    assert way == pytest.approx(0.5 * 5 / 7 * 9.81 * np.sin(slope) * seconds**2, rel=0.02)
+
+
+@pytest.mark.client
+@pytest.mark.parametrize(("start", "spheres"), [("place", False), ("rain", False), ("pour", True)])
+def test_planar_beds_settle_in_their_plane(flat, start, spheres):
+    result = settle(flat, start=start, spheres=spheres, rng=1)
+    assert result.report.at_rest
+    assert result.report.floor_force == pytest.approx(1.0, abs=0.005)
+    assert np.ptp(result.packing.positions[:, 2]) < 1e-9
+    np.testing.assert_allclose(to_matrices(result.packing.quaternions)[:, 2, 2], 1.0, atol=1e-9)
+    assert result.packing.positions[:, 1].min() > 0
+
+
+@pytest.mark.client
+def test_grains_lean_where_gravity_points(fresh):
+    upright, leaning = (
+        settle(fresh, start="pour", rng=1, direction=d, max_time=5.0).packing for d in (None, (0.5, 0.0, -1.0))
+    )
+    assert leaning.positions[:, 0].mean() > upright.positions[:, 0].mean() + 2e-4
+
+
+@pytest.mark.unit
+def test_what_a_start_cannot_be_is_refused(fresh, flat):
+    with pytest.raises(InputError, match="overlap"):
+        settle(fresh, spheres=True)
+    with pytest.raises(InputError, match="place, pour"):
+        settle(fresh, start="throw")
+    with pytest.raises(InputError, match="z below zero"):
+        settle(fresh, direction=(0.0, 0.0, 1.0))
+    with pytest.raises(InputError, match="y below zero"):
+        settle(flat, direction=(0.0, -1.0, -1.0))
+    with pytest.raises(InputError, match="those of grains 0, 1"):
+        settle(fresh, density=-1.0)
+    with pytest.raises(InputError, match="shares of densities"):
+        settle(fresh, density={2650.0: 0.0})
+
+
+@pytest.mark.client
+def test_mujoco_has_spheres_of_the_grains_masses(fresh):
+    from exporters.mjcf import MjcfOptions
+    from grainsdem.dynamics.scene import equip
+
+    round_ = as_spheres(fresh)
+    text = equip(round_, MjcfOptions(gravity=9.81), are_spheres=True).text()
+    model = mujoco.MjModel.from_xml_string(text)
+    assert model.nmesh == 0
+    masses = volumes(fresh.grains) * fresh.densities
+    np.testing.assert_allclose(
+        model.body_mass[-len(fresh) :] / masses * masses.mean(), model.body_mass[-len(fresh) :].mean(), rtol=1e-8
+    )
+    radii = model.geom_size[-len(fresh) :, 0]
+    np.testing.assert_allclose(
+        model.body_inertia[-len(fresh) :, 0], 0.4 * model.body_mass[-len(fresh) :] * radii**2, rtol=1e-8
+    )
