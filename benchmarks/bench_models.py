@@ -106,9 +106,7 @@ def main():
         for name in sys.argv[1:]:
             one(name)
         return
-    print(
-        "| model, 128 000 seeds | grains | seeds | relax | cells | carve | shrink | all [s] | processor [s] | peak [GB] |"
-    )
+    print("| model, 128 000 seeds | grains | seeds | relax | cells | carve | shrink | all [s] | CPU [s] | peak [GB] |")
     print("|---|---|---|---|---|---|---|---|---|---|", flush=True)
     for name in models("."):
         subprocess.run([sys.executable, __file__, name], check=True)  # noqa: S603  (our own code)
