@@ -144,6 +144,29 @@ def print_facts(console: Console, title: str, facts: dict[str, str]) -> None:
     console.print(table)
 
 
+def print_pattern(console: Console, title: str, pattern: dict[str, Any], *, is_planar: bool) -> None:
+    """Print what pattern seeds make: how far the nearest are, and K and g by distance."""
+    power = 2 if is_planar else 3
+    print_facts(
+        console,
+        title,
+        {
+            "seeds": str(pattern["seeds"]),
+            f"intensity, 1/m^{power}": f"{pattern['intensity']:.5g}",
+            "nearest neighbour, mean, m": f"{pattern['nearest_mean']:.4g}",
+            "nearest neighbour, least, m": f"{pattern['nearest_least']:.4g}",
+            "Clark and Evans's index (1 at random)": f"{pattern['clark_evans']:.3f}",
+        },
+    )
+    table = Table()
+    for column in ("r, m", f"K(r), m^{power}", "of Poisson's", "g(r) up to r"):
+        table.add_column(column, justify="right")
+    rows = zip(*(pattern[key] for key in ("radii", "ripley_k", "poisson_k", "pair_correlation")), strict=True)
+    for r, k, random, g in rows:
+        table.add_row(f"{r:.4g}", f"{k:.4g}", f"{k / random:.3f}", f"{g:.3f}")
+    console.print(table)
+
+
 def _rows(summaries: list[dict[str, Any]]) -> list[tuple[str, ...]]:
     """Return the measures that every summary shares, as text."""
 

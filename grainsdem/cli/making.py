@@ -10,6 +10,7 @@ import typer
 from grainsdem.cli.options import Json, Quiet, Rng, app, err, guarded, keyed, out, print_json, show_summary
 from grainsdem.errors import InputError
 
+Process = Literal["halton", "poisson", "cluster", "strauss", "strauss_process", "density", "noise", "image", "file"]
 VOID, SIZE, THROATS = "How much void: one of", "Grain size", "Pore throats"
 """Groups of options in the help."""
 
@@ -59,9 +60,24 @@ def _run(recipe: Path, folder: Path, *, json_: bool, quiet: bool) -> None:
 def generate(
     output: Annotated[Path, typer.Argument(help="The packing to write (.h5).", show_default=False)],
     count: Annotated[int | None, typer.Option(help="Number of seeds.", min=1)] = None,
-    process: Annotated[Literal["halton", "poisson"], typer.Option(help="How seeds are placed.")] = "halton",
+    process: Annotated[
+        Process | None, typer.Option(help="How seeds are placed; by default halton, or file where --seeds is given.")
+    ] = None,
     seeds: Annotated[
-        Path | None, typer.Option(help="Your own seeds: .txt, .csv, .npy or .npz, three columns in metres.")
+        Path | None,
+        typer.Option(
+            help="Your own seeds (.txt, .csv, .npy or .npz, three columns in metres), "
+            "or the image or density (.npy) that the process places them by."
+        ),
+    ] = None,
+    seed_parameter: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="A parameter of the process, as in a recipe's table [seeds]: bases=[5,7,11] of halton, spread=0.1 and "
+            "parents=20 of cluster, distance=0.05 and inhibition=0 of strauss, beta=2 of noise, low_pass=0.05 and "
+            "light=fine of image, along=y of density, fit=true of file.",
+            show_default=False,
+        ),
     ] = None,
     shape: Annotated[
         Literal["box", "slab", "cylinder", "hopper"],
@@ -190,10 +206,11 @@ def generate(
             "bottom": bottom,
         },
         seeds={
-            "process": "file" if seeds else process,
+            "process": process or ("file" if seeds else "halton"),
             "count": count,
             "path": None if seeds is None else str(seeds),
             "relax": relax,
+            **keyed(seed_parameter or []),
         },
         grains={
             "keep": keep,

@@ -2,10 +2,10 @@
 
 from grainsdem.points.check import check_seeds
 from grainsdem.points.cluster import cluster_poisson
-from grainsdem.points.fields import from_density, from_image, image_density, noise_field, pink_noise
-from grainsdem.points.files import read, scaled
+from grainsdem.points.fields import from_density, from_image, image_density, noise_field, pink_noise, read_density
+from grainsdem.points.files import read, scaled, write
 from grainsdem.points.halton import halton
-from grainsdem.points.patterns import clark_evans, nearest_distances, pair_correlation, ripley_k
+from grainsdem.points.patterns import clark_evans, describe, nearest_distances, pair_correlation, ripley_k
 from grainsdem.points.poisson import poisson
 from grainsdem.points.strauss import strauss, strauss_process
 
@@ -13,6 +13,7 @@ __all__ = [
     "check_seeds",
     "clark_evans",
     "cluster_poisson",
+    "describe",
     "from_density",
     "from_image",
     "halton",
@@ -23,8 +24,10 @@ __all__ = [
     "pink_noise",
     "poisson",
     "read",
+    "read_density",
     "ripley_k",
     "scaled",
     "strauss",
     "strauss_process",
+    "write",
 ]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from grainsdem.atomic import replacing
 from grainsdem.errors import FileFormatError, InputError, MissingFileError, ShapeError, name_offenders
 from grainsdem.points.check import check_seeds
 
@@ -45,15 +46,59 @@ def read(path: str | os.PathLike[str]) -> NDArray[np.float64]:
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
         raise FileFormatError(f"{path}: seeds are read from {', '.join(SUFFIXES)}; got {path.suffix or 'no suffix'!r}")
-    if not path.is_file():
-        raise MissingFileError(f"{path}: no such file")
-    try:
-        points = _load(path)
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise FileFormatError(f"{path}: not columns of numbers: {error}") from error
+    points = load_array(path, "points")
     if points.size and (points.ndim != 2 or points.shape[1] not in (2, 3)):
         raise FileFormatError(f"{path}: seeds need two or three columns; got an array of shape {points.shape}")
     return points
+
+
+def write(seeds: ArrayLike, path: str | os.PathLike[str]) -> Path:
+    """Write seeds so that `read` gives the same to the bit, and return the path.
+
+    Parameters
+    ----------
+    seeds : array_like, shape (n, 3) or (n, 2)
+        Positions [m].
+    path : str or path-like
+        ``.txt``, ``.dat``, ``.xyz``, ``.csv`` (with a header) or ``.npy``.
+
+    Raises
+    ------
+    FileFormatError
+        If the suffix is another.
+    ShapeError
+        If the array has another shape.
+    WriteError
+        If the file cannot be written; nothing is left behind.
+    """
+    target = Path(path)
+    suffix = target.suffix.lower()
+    if suffix not in SUFFIXES or suffix == ".npz":
+        raise FileFormatError(
+            f"{target}: seeds are written as {', '.join(SUFFIXES[:-1])}; got {suffix or 'no suffix'!r}"
+        )
+    points = np.asarray(seeds, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] not in (2, 3):
+        raise ShapeError(f"seeds must have shape (n, 3) or (n, 2); got {points.shape}")
+    with replacing(target) as temporary:
+        if suffix == ".npy":
+            np.save(temporary, points)
+        elif suffix == ".csv":
+            header = ",".join("xyz"[: points.shape[1]])
+            np.savetxt(temporary, points, fmt="%.17g", delimiter=",", header=header, comments="")
+        else:
+            np.savetxt(temporary, points, fmt="%.17g")
+    return target
+
+
+def load_array(path: Path, name: str) -> NDArray[np.float64]:
+    """Return the numbers of a file whose suffix is known; of several arrays that of the given name."""
+    if not path.is_file():
+        raise MissingFileError(f"{path}: no such file")
+    try:
+        return _load(path, name)
+    except (OSError, ValueError, TypeError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise FileFormatError(f"{path}: not an array of numbers: {error}") from error
 
 
 def scaled(
@@ -140,16 +185,16 @@ def _given_box(bounds: ArrayLike, values: NDArray[np.float64]) -> tuple[NDArray[
     return low, high
 
 
-def _load(path: Path) -> NDArray[np.float64]:
+def _load(path: Path, wanted: str) -> NDArray[np.float64]:
     suffix = path.suffix.lower()
     if suffix == ".npy":
         return np.asarray(np.load(path, allow_pickle=False), dtype=np.float64)
     if suffix == ".npz":
         with np.load(path, allow_pickle=False) as arrays:
             names = arrays.files
-            name = "points" if "points" in names else names[0] if len(names) == 1 else None
+            name = wanted if wanted in names else names[0] if len(names) == 1 else None
             if name is None:
-                raise ValueError(f"expected one array, or one named 'points'; got {', '.join(names)}")
+                raise ValueError(f"expected one array, or one named {wanted!r}; got {', '.join(names)}")
             return np.asarray(arrays[name], dtype=np.float64)
     lines = path.read_text(encoding="utf-8").splitlines()
     delimiter = "," if suffix == ".csv" else None

@@ -12,7 +12,7 @@ References
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -132,6 +132,51 @@ def pair_correlation(seeds: ArrayLike, domain: Domain, radii: ArrayLike) -> Floa
     if len(edges) < 2:
         raise InputError(f"a shell lies between two radii; got {edges.tolist()}")
     return _weights(points, domain, edges)[1:] / np.diff(_ball(edges, _dimensions(domain)))
+
+
+def describe(seeds: ArrayLike, domain: Domain, *, reach: float | None = None, shells: int = 12) -> dict[str, Any]:
+    """Return what kind of pattern seeds make, as plain numbers.
+
+    Parameters
+    ----------
+    seeds, domain
+        As for `ripley_k`.
+    reach : float, optional
+        Largest distance [m] of K and g; by default four mean spacings, or a quarter of the shortest edge if that is
+        less.
+    shells : int
+        Shells of equal width between zero and ``reach``.
+
+    Returns
+    -------
+    dict
+        ``seeds`` (their number), ``intensity`` [1/m³, or 1/m² in a planar domain], ``nearest_mean`` and
+        ``nearest_least`` [m], ``clark_evans``, and lists of a value a shell: ``radii`` (outer, [m]), ``ripley_k``,
+        ``poisson_k`` [m³ or m²] and ``pair_correlation``.
+
+    Raises
+    ------
+    ShapeError, InputError
+        As `ripley_k`, or if there is no shell.
+    """
+    if shells < 1:
+        raise InputError(f"there must be a shell or more; got {shells}")
+    nearest = nearest_distances(seeds, domain)
+    d, intensity = _dimensions(domain), len(nearest) / _size(domain)
+    if reach is None:
+        reach = min(4.0 * intensity ** (-1 / d), 0.25 * float(domain.lengths[:d].min()))
+    edges = np.linspace(0.0, reach, shells + 1)
+    return {
+        "seeds": len(nearest),
+        "intensity": intensity,
+        "nearest_mean": float(nearest.mean()),
+        "nearest_least": float(nearest.min()),
+        "clark_evans": clark_evans(seeds, domain),
+        "radii": edges[1:].tolist(),
+        "ripley_k": ripley_k(seeds, domain, edges[1:]).tolist(),
+        "poisson_k": _ball(edges[1:], d).tolist(),
+        "pair_correlation": pair_correlation(seeds, domain, edges).tolist(),
+    }
 
 
 def _weights(points: Floats, domain: Domain, edges: Floats) -> Floats:

@@ -60,14 +60,14 @@ def stream(recipe: Recipe, stage: int) -> np.random.Generator:
     return np.random.default_rng([recipe.rng, stage])
 
 
-_SEEDS, _THROATS, _SIZES = 0, 2, 3  # stage 1 is pouring
+SEEDS, _THROATS, _SIZES = 0, 2, 3  # stage 1 is pouring
 
 
 def _grown(recipe: Recipe, monitor: Monitor, *, is_scaled: bool) -> tuple[Packing, NDArray[np.float64] | None]:
     """Return the bed, and the diameters [m] asked for, if any."""
     domain, grains = recipe.domain.make(), recipe.grains
     with monitor.stage("Placing seeds"):
-        seeds = place(recipe.seeds, domain, stream(recipe, _SEEDS))
+        seeds = place(recipe.seeds, domain, stream(recipe, SEEDS))
     if recipe.seeds.relax:
         with monitor.stage("Relaxing seeds") as tell:
             total = recipe.seeds.relax

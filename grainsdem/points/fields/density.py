@@ -8,14 +8,18 @@ References
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from grainsdem.errors import InputError, ShapeError, name_offenders
+from grainsdem.errors import FileFormatError, InputError, ShapeError, name_offenders
+from grainsdem.points.files import load_array
 from grainsdem.points.poisson import check_count, place
 
 if TYPE_CHECKING:
+    import os
+
     from numpy.typing import ArrayLike, NDArray
 
     from grainsdem.model import Domain
@@ -88,6 +92,30 @@ def from_density(
                 f"none of {tries} seeds fell inside"
             )
     return np.concatenate(kept)
+
+
+def read_density(path: str | os.PathLike[str]) -> NDArray[np.float64]:
+    """Read an array of two or three axes for `from_density`.
+
+    Parameters
+    ----------
+    path : str or path-like
+        ``.npy``, or ``.npz`` (the array named ``density``, else the only one).
+
+    Raises
+    ------
+    MissingFileError
+        If there is no such file.
+    FileFormatError
+        If the suffix is another, or the file does not hold such an array.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in (".npy", ".npz"):
+        raise FileFormatError(f"{path}: a density is read from .npy or .npz; got {path.suffix or 'no suffix'!r}")
+    density = load_array(path, "density")
+    if density.ndim not in (2, 3):
+        raise FileFormatError(f"{path}: a density has two or three axes; got an array of shape {density.shape}")
+    return density
 
 
 def _weights(density: ArrayLike, domain: Domain, along: str) -> NDArray[np.float64]:
