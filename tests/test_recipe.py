@@ -72,8 +72,8 @@ def test_the_example_recipe_can_be_read():
         ({"grains": {}}, "grains: give one of porosity, .* relation; got none"),
         ({"seeds": {"process": "file"}}, "seeds: process 'file' needs path, and no count"),
         (
-            {"seeds": {"process": "strauss", "count": 3}},
-            "seeds.process: .*'halton', 'poisson' or 'file'; got 'strauss'",
+            {"seeds": {"process": "gibbs", "count": 3}},
+            "seeds.process: .*'halton', 'poisson', .*'image' or 'file'; got 'gibbs'",
         ),
         ({"seeds": {"count": 0}}, "seeds.count: .*greater than or equal to 1; got 0"),
         ({"domain": {"lengths": [1, 2]}}, "domain.lengths.2: missing"),

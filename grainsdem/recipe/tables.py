@@ -136,9 +136,7 @@ def read(path: str | os.PathLike[str]) -> Recipe:
         recipe = parse(path.read_text(encoding="utf-8"))
     except (UnicodeDecodeError, FileFormatError) as error:
         raise FileFormatError(f"{path}: {error}") from error
-    if recipe.seeds.path is not None:
-        beside = str(path.parent / recipe.seeds.path)
-        recipe = recipe.model_copy(update={"seeds": recipe.seeds.model_copy(update={"path": beside})})
+    recipe = recipe.model_copy(update={"seeds": recipe.seeds.beside(path.parent)})
     sizes = recipe.grains.sizes
     if sizes is not None and sizes.path is not None:
         sizes = sizes.model_copy(update={"path": str(path.parent / sizes.path)})

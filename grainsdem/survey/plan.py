@@ -131,8 +131,9 @@ def read(
         raise InputError(f"{path}: the survey table takes vary, combine and repeats; got {plan!r}")
     grains = tables.get("grains")
     for table in (tables.get("seeds"), grains.get("sizes") if isinstance(grains, dict) else None):
-        if isinstance(table, dict) and isinstance(table.get("path"), str):
-            table["path"] = str(path.parent / table["path"])
+        for key in ("path", "parents") if isinstance(table, dict) else ():
+            if isinstance(table.get(key), str):
+                table[key] = str(path.parent / table[key])
     varied = {**_flat(plan.get("vary", {})), **(vary or {})}
     return Survey(tables, varied, plan.get("combine", "product"), repeats or plan.get("repeats", 1))
 
