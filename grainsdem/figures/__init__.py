@@ -1,7 +1,17 @@
-"""Pictures: a render of the packing, the grain-size curve, coordination, and energy over time. All PNG, no window."""
+"""Pictures: renders, sections and planforms of packings, curves of sizes, contacts and energy. All PNG, no window."""
 
 from grainsdem.figures.plots import coordination_histogram, energy_plot, size_histogram
 from grainsdem.figures.renders import render
 from grainsdem.figures.scene import QUANTITIES
+from grainsdem.figures.seen import phase_figure, planform_figure, section_figure
 
-__all__ = ["QUANTITIES", "coordination_histogram", "energy_plot", "render", "size_histogram"]
+__all__ = [
+    "QUANTITIES",
+    "coordination_histogram",
+    "energy_plot",
+    "phase_figure",
+    "planform_figure",
+    "render",
+    "section_figure",
+    "size_histogram",
+]

@@ -84,7 +84,7 @@ def planform_table(view: Planform, packing: Packing) -> NDArray[np.void]:
     rows["visible_share"] = rows["visible_area"] / rows["projected_area"]
     rows["apparent_diameter"] = np.sqrt(4 / np.pi * rows["visible_area"])
     rows["apparent_a"], rows["apparent_b"] = ellipse_axes(*moments[ids].T)
-    for name, values in _truth(packing, measured).items():
+    for name, values in true_sizes(packing, measured).items():
         rows[name] = values[ids]
     return rows
 
@@ -127,7 +127,7 @@ def planform_bias(rows: NDArray[np.void], packing: Packing, *, least_pixels: int
     if rows.size == 0:
         raise InputError(f"no whole grain is seen through {least_pixels} pixels or more: there is no bias to report")
     measured = integrate(packing.grains)
-    b = _truth(packing, measured)["b"]
+    b = true_sizes(packing, measured)["b"]
     one = np.ones
     columns = {
         "bed_by_number": _statistics(b, one(b.size)),
@@ -173,8 +173,9 @@ def _visible(view: Planform, packing: Packing) -> tuple[NDArray[np.int64], Float
     return counts, moments, at_border[1:]
 
 
-def _truth(packing: Packing, measured: Integrals) -> dict[str, Floats]:
-    """Return diameter and axes [m] of every grain."""
+def true_sizes(packing: Packing, measured: Integrals | None = None) -> dict[str, Floats]:
+    """Return ``diameter`` and axes ``a``, ``b`` and ``c`` [m] of every grain, as `planform_table` has them."""
+    measured = measured or integrate(packing.grains)
     diameter = grain_diameters(packing, measured)
     if not packing.domain.is_planar:
         a, b, c = ellipsoid_axes(packing.grains, measured=measured).T

@@ -1,0 +1,7 @@
+"""What is seen of a bed: sections, the planform, and the statistics of both phases."""
+
+from grainsdem.figures.seen.phases import phase_figure
+from grainsdem.figures.seen.planforms import planform_figure
+from grainsdem.figures.seen.sections import section_figure
+
+__all__ = ["phase_figure", "planform_figure", "section_figure"]
