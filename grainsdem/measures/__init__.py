@@ -1,5 +1,19 @@
 """What sedimentologists and DEM people ask of a packing: sizes, shapes, porosity, contacts, fabric, tables."""
 
+from grainsdem.measures.distributions import (
+    FAMILIES,
+    LogHyperbolic,
+    LogNormal,
+    Normal,
+    PhiStatistics,
+    SizeFit,
+    SizeStatistics,
+    fit_sieves,
+    fit_sizes,
+    size_distribution,
+    size_statistics,
+    to_phi,
+)
 from grainsdem.measures.grains import (
     box_axes,
     diameters,
@@ -30,6 +44,13 @@ from grainsdem.measures.graph import (
 from grainsdem.measures.porosity import core_box, porosity
 
 __all__ = [
+    "FAMILIES",
+    "LogHyperbolic",
+    "LogNormal",
+    "Normal",
+    "PhiStatistics",
+    "SizeFit",
+    "SizeStatistics",
     "anisotropy",
     "box_axes",
     "branch_vectors",
@@ -40,6 +61,8 @@ __all__ = [
     "diameters",
     "ellipsoid_axes",
     "fabric_tensor",
+    "fit_sieves",
+    "fit_sizes",
     "krumbein",
     "masses",
     "mean_coordination",
@@ -47,10 +70,13 @@ __all__ = [
     "percentiles",
     "porosity",
     "rattlers",
+    "size_distribution",
+    "size_statistics",
     "sphericities",
     "summary",
     "table",
     "to_pandas",
+    "to_phi",
     "write_csv",
     "write_edges",
     "write_table",

@@ -1,0 +1,28 @@
+"""Distributions of size: percentiles, statistics in φ units, and fits by maximum likelihood."""
+
+from grainsdem.measures.distributions.fits import FAMILIES, SizeFit, fit_sizes
+from grainsdem.measures.distributions.hyperbolic import LogHyperbolic
+from grainsdem.measures.distributions.normal import LogNormal, Normal
+from grainsdem.measures.distributions.sieves import fit_sieves
+from grainsdem.measures.distributions.statistics import (
+    PhiStatistics,
+    SizeStatistics,
+    size_distribution,
+    size_statistics,
+    to_phi,
+)
+
+__all__ = [
+    "FAMILIES",
+    "LogHyperbolic",
+    "LogNormal",
+    "Normal",
+    "PhiStatistics",
+    "SizeFit",
+    "SizeStatistics",
+    "fit_sieves",
+    "fit_sizes",
+    "size_distribution",
+    "size_statistics",
+    "to_phi",
+]
