@@ -50,6 +50,60 @@ def test_the_table_is_the_same_bytes_whatever_the_order_of_the_work(tmp_path):
     assert np.unique(table["rng"]).size == len(table)
 
 
+CLUSTERS = {"process": "cluster", "parents": 20, "children": 6.0, "spread": 0.05}
+
+
+def test_parents_children_and_spread_of_clusters_can_be_swept_in_any_order(tmp_path):
+    base = {"seeds": CLUSTERS, "grains": {"relation": "cho_2006_max"}}
+    vary = {"seeds.parents": [15, 30], "seeds.children": [5.0, 10.0], "seeds.spread": [0.1, 0.3]}
+    forth = survey.run(survey.Survey(base, vary), tmp_path / "forth.csv", workers=2)
+    back = survey.Survey(base, {key: values[::-1] for key, values in reversed(vary.items())})
+    turned = survey.run(back, tmp_path / "back.csv", workers=1)
+    for name in ("n_grains", "scale", "mean_sphericity", "d50"):
+        np.testing.assert_array_equal(forth[name][np.argsort(forth["rng"])], turned[name][np.argsort(turned["rng"])])
+    mean = forth["seeds_parents"] * forth["seeds_children"]
+    # Children beyond the walls are lost: there are fewer than M λ, and never more by chance than 5 standard deviations.
+    assert (forth["n_seeds"] < mean + 5 * np.sqrt(mean * (1 + forth["seeds_children"]))).all()
+    np.testing.assert_allclose(forth["void_ratio"], 1.6 - 0.86 * forth["mean_sphericity"], rtol=1e-9)
+    np.testing.assert_allclose(forth["scale"], (1 + forth["void_ratio"]) ** (-1 / 3), rtol=1e-9)
+
+
+def test_whole_models_can_be_swept_and_an_interrupted_sweep_goes_on(tmp_path, monkeypatch):
+    models = [
+        {"process": "halton", "count": 90, "relax": 2},
+        CLUSTERS,
+        {"process": "strauss", "count": 90, "distance": 0.1, "inhibition": 0.1},
+        {"process": "noise", "count": 90, "resolution": 16},
+    ]
+    plan = survey.Survey({"seeds": {}, "grains": {"scale": 0.9}}, {"seeds": models, "grains.scale": [0.8, 0.9]})
+    whole = survey.run(plan, tmp_path / "whole.csv", workers=1)
+    measure, grown = running.measure, []
+    monkeypatch.setattr(running, "measure", lambda recipe: grown.append(recipe) or measure(recipe))
+    lines = (tmp_path / "whole.csv").read_text().splitlines(keepends=True)
+    (tmp_path / "part.csv").write_text("".join(lines[:1] + lines[4:6]))
+    survey.run(plan, tmp_path / "part.csv", workers=1)
+    assert (tmp_path / "part.csv").read_text() == "".join(lines)
+    assert len(grown) == 6
+    np.testing.assert_array_equal(whole["scale"], [0.8, 0.9] * 4)
+
+
+def test_a_planar_survey_measures_circles_and_outlines(tmp_path):
+    slab = {"shape": "slab", "lengths": [1.0, 1.0, 0.05], "periodic": "xy"}
+    plan = survey.Survey({**BASE, "domain": slab}, {"grains.porosity": [0.0, 0.2]})
+    table = survey.run(plan, tmp_path / "t.csv", workers=1)
+    # n circles of mean square diameter d² + var have the area of the solid.
+    square = table["mean_diameter"] ** 2 + table["std_diameter"] ** 2
+    np.testing.assert_allclose(np.pi / 4 * square * table["n_grains"], 1 - table["porosity"], rtol=1e-9)
+    assert (table["mean_sphericity"] < 1).all()
+
+
+def test_a_gap_has_no_scale(tmp_path):
+    base = {"seeds": {"process": "poisson", "count": 80, "relax": 5}, "grains": {"gap": 1e-4}}
+    table = survey.run(survey.Survey(base), tmp_path / "t.csv", workers=1)
+    assert math.isnan(table["scale"][0])
+    assert table["error"][0] == ""
+
+
 def test_an_extended_survey_does_only_what_is_new(tmp_path, monkeypatch):
     path = tmp_path / "t.csv"
     before = survey.run(plan(), path, workers=1)

@@ -15,8 +15,8 @@ import grainsdem
 from grainsdem import recipe as recipes
 from grainsdem.atomic import replacing
 from grainsdem.errors import FileFormatError, GrainsDEMError, InputError, MissingFileError
-from grainsdem.geometry.integrals import volumes
-from grainsdem.measures import diameters, sphericities
+from grainsdem.geometry.forms.sizes import grain_diameters, grain_sphericities
+from grainsdem.geometry.integrals import integrate
 from grainsdem.measures import summary as summarize
 from grainsdem.workers import share
 
@@ -46,7 +46,8 @@ MEASURES = (
     "mean_neighbors",
     "std_volume",
 )
-"""Columns of a survey's table after its parameters: SI units; ``std_volume`` is relative to the mean volume."""
+"""Columns of a survey's table after its parameters: SI units, in a planar bed of circles and outlines; ``scale`` is F,
+not a number where faces were moved by a gap; ``std_volume`` is relative to the mean volume."""
 
 PAUSE = 2.0
 """Seconds between two writings of the table: what an interrupted survey may lose."""
@@ -124,20 +125,21 @@ def measure(recipe: Recipe) -> list[Any]:
 
 def _measures(bed: Packing) -> list[Any]:
     summary = summarize(bed)
-    size, volume = diameters(bed.grains), volumes(bed.grains)
+    measured = integrate(bed.grains)
+    size, volume = grain_diameters(bed, measured), measured.volumes
     scale, n_seeds = 1.0, len(bed)
     for step in map(json.loads, bed.provenance):
         if step["step"] == "carve":
             n_seeds = step["n_cells"]
-        if step["step"] == "shrink" and step.get("scale") is not None:
-            scale *= step["scale"]
+        if step["step"] == "shrink":
+            scale *= step.get("scale", float("nan"))
     found = {
         **summary,
         "n_seeds": n_seeds,
         "scale": scale,
         "void_ratio": summary["porosity"] / (1 - summary["porosity"]),
         "std_diameter": float(size.std()),
-        "std_sphericity": float(sphericities(bed.grains).std()),
+        "std_sphericity": float(grain_sphericities(bed, measured).std()),
         "std_volume": float(volume.std() / volume.mean()),
     }
     return [found[name] for name in MEASURES]
