@@ -1,0 +1,258 @@
+"""SDFormat: a world with one model a grain, and their meshes beside it, for Drake, Gazebo and PyBullet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from string import Template
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from exporters.check import check_choice, check_positive, grain_names
+from exporters.container import GRAIN_COLOURS, shades
+from exporters.dem.bodies import blocks, bodies
+from exporters.dem.scene import WALLS, check_word, down, height, springs, walls
+from exporters.text import filled, rows_of_text, table_of_text
+from exporters.units import GrainUnits, units_of
+from grainsdem.geometry.rotations import to_matrices, world_vertices
+from grainsdem.geometry.triangles import triangles
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from numpy.typing import NDArray
+
+    from exporters.dem.bodies import Bodies
+    from exporters.dem.scene import Walls
+    from grainsdem.geometry.triangles import Triangles
+    from grainsdem.model import Packing
+
+    Floats = NDArray[np.float64]
+
+UNITS = {"si": 1.0, "mm": 1e-3}
+"""Words for units of length [m], besides the grain's own."""
+
+_HEADER = Template("""\
+<?xml version="1.0"?>
+<sdf version="1.9" xmlns:drake="http://drake.mit.edu">
+  <!-- $n_grains grains, model g000007 is grain 7. Length 1 = $length m, mass 1 = $mass kg, time 1 = $time s. -->
+  <world name="$name">
+    <gravity>$gravity</gravity>
+    <physics name="steps" type="ignored">
+      <max_step_size>$time_step</max_step_size>
+      <real_time_factor>0</real_time_factor>
+    </physics>
+""")
+
+_WALL = """\
+        <collision name="%s">
+          <pose>%s</pose>
+          <geometry><plane><normal>0 0 1</normal><size>%s</size></plane></geometry>
+          %s
+        </collision>
+"""
+
+_CONTAINER = """\
+    <model name="container">
+      <static>true</static>
+      <link name="walls">
+%s      </link>
+    </model>
+"""
+
+_SURFACE = (
+    "<surface><friction><ode><mu>{0}</mu><mu2>{0}</mu2></ode></friction></surface>"
+    "<drake:proximity_properties><drake:mu_static>{0}</drake:mu_static><drake:mu_dynamic>{0}</drake:mu_dynamic>"
+    "<drake:point_contact_stiffness>{1}</drake:point_contact_stiffness></drake:proximity_properties>"
+)
+
+_MODEL = """\
+    <model name="%s">
+      <pose>%s</pose>
+      <link name="grain">
+        <inertial>
+          <pose>%s</pose><mass>%s</mass>
+          <inertia><ixx>%s</ixx><iyy>%s</iyy><izz>%s</izz><ixy>0</ixy><ixz>0</ixz><iyz>0</iyz></inertia>
+        </inertial>
+        <collision name="shape">
+          <geometry><mesh><uri>%s</uri><drake:declare_convex/></mesh></geometry>
+          %s
+        </collision>
+        <visual name="look">
+          <geometry><mesh><uri>%s</uri></mesh></geometry>
+          <material><ambient>%s 1</ambient><diffuse>%s 1</diffuse></material>
+        </visual>
+      </link>
+    </model>
+"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SdfOptions:
+    """What the world is like.
+
+    Parameters
+    ----------
+    units : {"si", "mm", "grain"} or float
+        Unit of length: the metre, the millimetre, the median diameter, or so many metres. Masses are in kg and times in
+        s, but in grain units, where density and gravity are one. PyBullet puts about a thousandth of a unit around
+        every shape: give it ``"grain"`` where grains are below 0.1 m.
+    friction : float
+        Coefficient of friction [1], among grains and with walls.
+    gravity : float
+        Acceleration [m/s²].
+    depth : float
+        Deepest overlap of a grain that has fallen from the top of the bed, in its diameter; Drake's contact stiffness
+        follows from it. Drake's own lets grains sink in by a millimetre.
+    time_step : float
+        Time step in units of √(d/g), d being the median diameter.
+    walls : {"box", "floor", "none"}
+        Container from the packing's domain, of planes without end. There is no lid.
+
+    Raises
+    ------
+    InputError
+        If a number is out of range or a word is not one of those allowed.
+    """
+
+    units: Literal["si", "mm", "grain"] | float = "si"
+    friction: float = 0.5
+    gravity: float = 9.81
+    depth: float = 0.01
+    time_step: float = 0.01
+    walls: Literal["box", "floor", "none"] = "box"
+
+    def __post_init__(self) -> None:
+        if isinstance(self.units, str):
+            check_choice("units", self.units, (*UNITS, "grain"))
+        else:
+            check_positive("units", self.units)
+        for name in ("gravity", "depth", "time_step"):
+            check_positive(name, getattr(self, name))
+        check_positive("friction", self.friction, or_zero=True)
+        check_choice("walls", self.walls, WALLS)
+
+
+Options = SdfOptions
+
+LOSES = (
+    "Polygons are cut into triangles, and vertices have nine significant digits.",
+    "Periodic axes become walls.",
+)
+"""What the format does not carry."""
+
+
+def files(
+    packing: Packing, *, name: str = "bed", suffix: str = ".sdf", options: SdfOptions | None = None
+) -> dict[str, bytes | Iterable[bytes]]:
+    """Return the world and its meshes: ``{"bed.sdf": …, "bed-meshes/g000000.obj": …, …}``.
+
+    Model ``g000007`` is grain 7, and its frame is the grain's own.
+
+    Raises
+    ------
+    InputError
+        If the packing is empty or not finite, or the name is not one word.
+    """
+    check_word(name)
+    options = options or SdfOptions()
+    sizes = bodies(packing)
+    scales = _scales(packing, sizes, options)
+    cut = triangles(packing.grains)
+    names = grain_names(packing)
+    meshes = {f"{name}-meshes/{grain}.obj": _mesh(packing, cut, i, scales) for i, grain in enumerate(names)}
+    return {f"{name}{suffix}": _world(packing, sizes, scales, options=options, name=name), **meshes}
+
+
+def factors(packing: Packing, options: SdfOptions) -> dict[str, float]:
+    """Return the factors from the file's units to SI: lengths in m, masses in kg, times in s."""
+    scales = _scales(packing, bodies(packing), options)
+    return {"length": scales.length, "mass": scales.mass, "time": scales.time}
+
+
+def _scales(packing: Packing, sizes: Bodies, options: SdfOptions) -> GrainUnits:
+    """Return the units of the file."""
+    if options.units == "grain":
+        return units_of(sizes.volumes, packing.densities, options.gravity)
+    return GrainUnits(UNITS[options.units] if isinstance(options.units, str) else options.units, 1.0, 1.0)
+
+
+def _world(packing: Packing, sizes: Bodies, scales: GrainUnits, *, options: SdfOptions, name: str) -> Iterator[bytes]:
+    """Yield the world: gravity, the container, and one model a grain."""
+    world = world_vertices(packing)
+    d = float(np.median(sizes.diameters))
+    law = springs(sizes, options.depth * sizes.diameters, height(packing, world), options.gravity, steps=20)
+    surface = _SURFACE.format(f"{options.friction:.9g}", f"{law.stiffness / scales.force * scales.length:.9g}")
+    yield _HEADER.substitute(
+        name=name,
+        n_grains=len(packing),
+        length=repr(scales.length),
+        mass=repr(scales.mass),
+        time=repr(scales.time),
+        gravity=rows_of_text(options.gravity / scales.acceleration * down(packing), [3])[0],
+        time_step=f"{options.time_step * np.sqrt(d / options.gravity) / scales.time:.9g}",
+    ).encode()
+    yield _container(walls(packing, world, options.walls), scales, surface).encode()
+    for block in blocks(len(packing)):
+        yield _models(packing, sizes, scales, block, surface=surface, folder=f"{name}-meshes").encode()
+    yield b"  </world>\n</sdf>\n"
+
+
+def _container(container: Walls, scales: GrainUnits, surface: str) -> str:
+    """Return the static model of the walls."""
+    if not container.names:
+        return ""
+    rows = zip(
+        container.names,
+        _poses(container.centres / scales.length, container.quaternions),
+        table_of_text(2 * container.halves / scales.length),
+        [surface] * len(container.names),
+        strict=True,
+    )
+    planes = "".join([_WALL % row for row in rows])
+    return _CONTAINER % planes
+
+
+def _models(packing: Packing, sizes: Bodies, scales: GrainUnits, block: slice, *, surface: str, folder: str) -> str:
+    """Return a block of grains."""
+    names = grain_names(packing)[block]
+    paths = [f"{folder}/{name}.obj" for name in names]
+    colours = [" ".join(f"{part:g}" for part in rgb) for rgb in GRAIN_COLOURS.values()]
+    own = [colours[shade] for shade in shades(len(packing))[block]]
+    # Noise around zero is not written as numbers of its own.
+    centroids = (sizes.centroids[block] / sizes.diameters[block, None]).round(12) * sizes.diameters[block, None]
+    moments = sizes.moments[block] / scales.inertia
+    rows = zip(
+        names,
+        _poses(packing.positions[block] / scales.length, packing.quaternions[block]),
+        _poses(centroids / scales.length, sizes.axes[block]),
+        table_of_text(sizes.masses[block, None] / scales.mass, digits=12),
+        *(table_of_text(moments[:, axis : axis + 1], digits=12) for axis in range(3)),
+        paths,
+        [surface] * len(names),
+        paths,
+        own,
+        own,
+        strict=True,
+    )
+    return "".join([_MODEL % row for row in rows])
+
+
+def _poses(places: Floats, quaternions: Floats) -> list[str]:
+    """Return poses as SDFormat has them: x, y, z, then roll, pitch and yaw about fixed axes, in that order."""
+    m = to_matrices(quaternions)
+    level = np.hypot(m[:, 0, 0], m[:, 1, 0])
+    pitch = np.arctan2(-m[:, 2, 0], level)
+    # Where x points up or down, roll and yaw are about one axis: all of it is roll.
+    is_upright = level < 1e-9
+    yaw = np.where(is_upright, 0.0, np.arctan2(m[:, 1, 0], m[:, 0, 0]))
+    roll = np.where(is_upright, np.arctan2(-m[:, 1, 2], m[:, 1, 1]), np.arctan2(m[:, 2, 1], m[:, 2, 2]))
+    return table_of_text(np.column_stack([places, roll.round(15), pitch.round(15), yaw.round(15)]), digits=15)
+
+
+def _mesh(packing: Packing, cut: Triangles, grain: int, scales: GrainUnits) -> Iterator[bytes]:
+    """Yield the OBJ of a grain in its own frame, made when it is written."""
+    vertices = packing.grains.vertices_of(grain) / scales.length
+    faces = cut.indices[cut.offsets[grain] : cut.offsets[grain + 1]] + 1
+    texts = filled("v %.9g %.9g %.9g\n", vertices, [len(vertices)]) + filled("f %d %d %d\n", faces, [len(faces)])
+    yield "".join(texts).encode()
