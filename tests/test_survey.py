@@ -230,6 +230,18 @@ def test_the_command_takes_the_plan_of_the_file_and_of_its_options(tmp_path):
         assert CliRunner().invoke(app, ["survey", str(recipe), str(output), *wrong]).exit_code == 2
 
 
+def test_files_that_a_survey_names_lie_beside_it(tmp_path):
+    np.savetxt(tmp_path / "parents.txt", np.random.default_rng(1).random((5, 3)))
+    np.savetxt(tmp_path / "sizes.txt", [1e-3] * 40)
+    (tmp_path / "r.toml").write_text(
+        'seeds = {process = "cluster", parents = "parents.txt", spread = 0.1}\n'
+        '[grains]\nscale = 0.9\nsizes = {path = "sizes.txt"}\n'
+    )
+    table = survey.run(survey.read(tmp_path / "r.toml"), tmp_path / "t.csv", workers=1)
+    assert table["n_seeds"].tolist() == [40]
+    assert table["mean_diameter"] == pytest.approx(1e-3, rel=5e-3)
+
+
 @pytest.mark.parametrize(
     ("text", "error", "words"),
     [

@@ -129,13 +129,18 @@ def read(
     plan = tables.pop("survey", {})
     if not isinstance(plan, dict) or not set(plan) <= {"vary", "combine", "repeats"}:
         raise InputError(f"{path}: the survey table takes vary, combine and repeats; got {plan!r}")
-    grains = tables.get("grains")
-    for table in (tables.get("seeds"), grains.get("sizes") if isinstance(grains, dict) else None):
-        for key in ("path", "parents") if isinstance(table, dict) else ():
-            if isinstance(table.get(key), str):
-                table[key] = str(path.parent / table[key])
+    _find_beside(path.parent, tables)
     varied = {**_flat(plan.get("vary", {})), **(vary or {})}
     return Survey(tables, varied, plan.get("combine", "product"), repeats or plan.get("repeats", 1))
+
+
+def _find_beside(folder: Path, tables: dict[str, Any]) -> None:
+    """Put the files that tables name into a folder."""
+    grains = tables.get("grains")
+    for table in (tables.get("seeds"), grains.get("sizes") if isinstance(grains, dict) else None):
+        if isinstance(table, dict):
+            files = {key: table[key] for key in ("path", "parents") if isinstance(table.get(key), str)}
+            table |= {key: str(folder / name) for key, name in files.items()}
 
 
 def parse_vary(items: Sequence[str]) -> dict[str, list[Any]]:
