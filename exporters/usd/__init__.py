@@ -8,7 +8,7 @@ from __future__ import annotations
 import logging
 import struct
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -18,14 +18,19 @@ import numpy as np
 
 from exporters.check import check_choice, check_name, check_positive, measured, refuse
 from exporters.container import check_colour, colours_of
+from exporters.units import check_units, chosen_units, factors_of
 from exporters.usd.crate import crate
-from exporters.usd.scene import metadata, world
+from exporters.usd.scene import Bed, metadata, world
 from grainsdem.errors import name_offenders
+from grainsdem.geometry.integrals import volumes
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    from numpy.typing import NDArray
+
     from exporters.container import Colour
+    from exporters.units import GrainUnits, Units
     from grainsdem.model import Packing
 
 _log = logging.getLogger(__name__)
@@ -56,6 +61,10 @@ class UsdOptions:
         stands where the outermost grain ends.
     colour : {"mineral", "id", "diameter"} or array_like
         Display colour of each grain: see `exporters.container`.
+    units : {"si", "mm", "grain"} or float
+        Units of the stage, which it says itself: metres and kilograms; a length in metres with kilograms; or median
+        diameters and their masses, for programs that take grains of a few millimetres for massless. Newton gives bodies
+        with moments of inertia below 1e-10, quartz under 4 mm in SI, one of 1e-6.
     hulls : {"physx", "any"}
         Whether every grain must be one that PhysX can hold on the GPU, at most 64 vertices and 64 faces, or those that
         it will simplify are named in the log.
@@ -73,6 +82,7 @@ class UsdOptions:
     contact_gap: float = 0.01
     walls: Literal["box", "floor", "none"] = "box"
     colour: Colour = "mineral"
+    units: Units = "si"
     hulls: Literal["physx", "any"] = "physx"
 
     def __post_init__(self) -> None:
@@ -83,6 +93,7 @@ class UsdOptions:
         check_choice("walls", self.walls, ("box", "floor", "none"))
         check_choice("hulls", self.hulls, ("physx", "any"))
         check_colour(self.colour)
+        check_units(self.units)
 
 
 Options = UsdOptions
@@ -106,10 +117,21 @@ def files(
     integrals = measured(packing)
     _see_large_hulls(packing, options.hulls)
     colours = colours_of(packing, integrals.volumes, options.colour)
-    layer = crate(world(packing, integrals, options, colours), metadata(packing))
+    scales = _scales(packing, integrals.volumes, options.units)
+    layer = crate(world(Bed(packing, integrals, options, colours, scales)), metadata(packing, scales))
     if suffix.lower() == ".usda":
         return {f"{name}{suffix}": _text(layer)}
     return {f"{name}{suffix}": _package(layer, name) if suffix.lower() == ".usdz" else layer}
+
+
+def factors(packing: Packing, options: UsdOptions) -> dict[str, float]:
+    """Return the factors from the stage's units to SI: lengths in m, masses in kg, times in s."""
+    return factors_of(_scales(packing, volumes(packing.grains), options.units))
+
+
+def _scales(packing: Packing, grain_volumes: NDArray[np.float64], units: Units) -> GrainUnits:
+    """Return the factors to SI; a stage counts time in seconds whatever its other units are."""
+    return replace(chosen_units(units, grain_volumes, packing.densities), time=1.0)
 
 
 def _see_large_hulls(packing: Packing, hulls: Literal["physx", "any"]) -> None:

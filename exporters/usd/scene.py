@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,9 +16,10 @@ from grainsdem.geometry.principal import principal_inertia
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from exporters.units import GrainUnits
     from exporters.usd import UsdOptions
     from grainsdem.geometry.integrals import Integrals
-    from grainsdem.model import Domain, Packing, Polyhedra
+    from grainsdem.model import Packing
 
     Floats = NDArray[np.float64]
 
@@ -30,14 +32,16 @@ _HULL = (
 )  # fmt: skip
 
 
-def metadata(packing: Packing) -> dict[str, Any]:
-    """Return what the layer says of itself: units, axis, and the domain, which has no place in a stage."""
+def metadata(packing: Packing, scales: GrainUnits) -> dict[str, Any]:
+    """Return what the layer says of itself: units, axis, and the domain [m], which has no place in a stage."""
     domain = packing.domain
+    is_si = (scales.length, scales.mass) == (1.0, 1.0)
+    units = "metres and kilograms" if is_si else f"units of {scales.length!r} m and {scales.mass!r} kg"
     return {
         "defaultPrim": Attribute("token", "World"),
-        "documentation": Attribute("string", f"{len(packing)} grains, in metres and kilograms."),
-        "metersPerUnit": Attribute("double", 1.0),
-        "kilogramsPerUnit": Attribute("double", 1.0),
+        "documentation": Attribute("string", f"{len(packing)} grains, in {units}."),
+        "metersPerUnit": Attribute("double", scales.length),
+        "kilogramsPerUnit": Attribute("double", scales.mass),
         "upAxis": Attribute("token", "Z"),
         "customLayerData": {"grainsdem": {
             "domainLower": Attribute("double[]", domain.lower),
@@ -47,8 +51,9 @@ def metadata(packing: Packing) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def world(packing: Packing, integrals: Integrals, options: UsdOptions, colours: Floats) -> Prim:
-    """Return the prim that holds all, ``/World``.
+@dataclass(frozen=True, slots=True, eq=False)
+class Bed:
+    """What every part of a stage is made from.
 
     Parameters
     ----------
@@ -60,11 +65,31 @@ def world(packing: Packing, integrals: Integrals, options: UsdOptions, colours: 
         Friction, container and the like.
     colours : ndarray, shape (n, 3)
         Colour of each grain.
+    scales : GrainUnits
+        Factors from the stage's units to SI; times are in seconds.
     """
-    length = float(np.median(np.cbrt(integrals.volumes * (6.0 / np.pi))))
-    density = float(integrals.volumes @ packing.densities / integrals.volumes.sum())
-    parts = [_scene(packing.domain, options.gravity), _materials(options, density)]
-    container = _container(packing, options, length)
+
+    packing: Packing
+    integrals: Integrals
+    options: UsdOptions
+    colours: Floats
+    scales: GrainUnits
+
+    @property
+    def diameter(self) -> float:
+        """Median diameter of the grains in the stage's units."""
+        return float(np.median(np.cbrt(self.integrals.volumes * (6.0 / np.pi)))) / self.scales.length
+
+    @property
+    def gap(self) -> float:
+        """Distance at which Newton begins to look at a pair, in the stage's units."""
+        return self.options.contact_gap * self.diameter
+
+
+def world(bed: Bed) -> Prim:
+    """Return the prim that holds all, ``/World``."""
+    parts = [_scene(bed), _materials(bed)]
+    container = _container(bed)
     if container:
         parts.append(Prim(name="Container", kind="Xform", children=tuple(container)))
     grains = Prim(
@@ -73,22 +98,24 @@ def world(packing: Packing, integrals: Integrals, options: UsdOptions, colours: 
         # Bound once, above all grains: bindings are inherited.
         schemas=("MaterialBindingAPI",),
         targets={"material:binding:physics": "/World/Materials/Grain"},
-        many=Many(grain_names(packing), _grain(packing, integrals, options.contact_gap * length, length, colours)),
+        many=Many(grain_names(bed.packing), _grain(bed)),
     )
     return Prim(name="World", kind="Xform", children=(*parts, grains))
 
 
-def _scene(domain: Domain, gravity: float) -> Prim:
+def _scene(bed: Bed) -> Prim:
     """Return gravity; a planar bed falls along its own second axis."""
-    down = (0, -1, 0) if domain.is_planar else (0, 0, -1)
+    down = (0, -1, 0) if bed.packing.domain.is_planar else (0, 0, -1)
     return Prim(name="PhysicsScene", kind="PhysicsScene", attributes={
         "physics:gravityDirection": Attribute("vector3f", down),
-        "physics:gravityMagnitude": Attribute("float", gravity),
+        "physics:gravityMagnitude": Attribute("float", bed.options.gravity / bed.scales.length),
     })  # fmt: skip
 
 
-def _materials(options: UsdOptions, density: float) -> Prim:
-    """Return what grains and walls are made of; the mass that each body has goes before the mean density [kg/m³]."""
+def _materials(bed: Bed) -> Prim:
+    """Return what grains and walls are made of; the mass that each body has goes before the mean density."""
+    options, volumes = bed.options, bed.integrals.volumes
+    density = float(volumes @ bed.packing.densities / volumes.sum()) / bed.scales.density
     wall_friction = options.friction if options.wall_friction is None else options.wall_friction
     materials = [
         Prim(name=name, kind="Material", schemas=("PhysicsMaterialAPI",), attributes={
@@ -102,11 +129,11 @@ def _materials(options: UsdOptions, density: float) -> Prim:
     return Prim(name="Materials", kind="Scope", children=tuple(materials))
 
 
-def _container(packing: Packing, options: UsdOptions, length: float) -> list[Prim]:
+def _container(bed: Bed) -> list[Prim]:
     """Return floor and walls as static boxes around the domain: not every program knows planes."""
-    domain, gap = packing.domain, options.contact_gap * length
-    lower, upper = container_box(packing, world_bounds(packing))
-    thick = _WALL_THICKNESS * length
+    options, gap, domain = bed.options, bed.gap, bed.packing.domain.scaled(1 / bed.scales.length)
+    lower, upper = (corner / bed.scales.length for corner in container_box(bed.packing, world_bounds(bed.packing)))
+    thick = _WALL_THICKNESS * bed.diameter
     axis_of = {"x": 0, "y": 1, "z": 2}
     names = ["y0", "x0", "x1"] if domain.is_planar else ["z0", "x0", "x1", "y0", "y1"]
     chosen = {"box": names, "floor": names[:1], "none": []}[options.walls]
@@ -132,7 +159,7 @@ def _container(packing: Packing, options: UsdOptions, length: float) -> list[Pri
 
 
 def _wall(name: str, box: tuple[Any, Any, Any], gap: float, opacity: float) -> Prim:
-    """Return one static box of the container: its centre [m], size [m] and rotation."""
+    """Return one static box of the container: its centre, size and rotation."""
     centre, size, rotation = box
     schemas = ("PhysicsCollisionAPI", "NewtonCollisionAPI", "MaterialBindingAPI")
     targets = {"material:binding:physics": "/World/Materials/Wall"}
@@ -149,29 +176,38 @@ def _wall(name: str, box: tuple[Any, Any, Any], gap: float, opacity: float) -> P
     })  # fmt: skip
 
 
-def _grain(packing: Packing, integrals: Integrals, gap: float, length: float, colours: Floats) -> Prim:
+def _grain(bed: Bed) -> Prim:
     """Return the rigid body that every grain is, and its hull below it."""
-    moments, axes = principal_inertia(integrals.inertias * packing.densities[:, None, None])
+    packing, integrals, scales = bed.packing, bed.integrals, bed.scales
+    moments, axes = principal_inertia(integrals.inertias * (packing.densities / scales.inertia)[:, None, None])
+    centres = integrals.centroids / scales.length
     # Rounding noise about zero is not written as numbers of its own.
-    centres = np.where(np.abs(integrals.centroids) < 1e-12 * length, 0.0, integrals.centroids)
+    centres[np.abs(centres) < 1e-12 * bed.diameter] = 0.0
     return Prim(name="grain", kind="Xform", schemas=("PhysicsRigidBodyAPI", "PhysicsMassAPI"), attributes={
-        "xformOp:translate": Attribute("double3", Column.of(packing.positions)),
+        "xformOp:translate": Attribute("double3", Column.of(packing.positions / scales.length)),
         "xformOp:orient": Attribute("quatd", Column.of(packing.quaternions)),
         "xformOpOrder": Attribute("token[]", ["xformOp:translate", "xformOp:orient"]),
-        "physics:mass": Attribute("float", Column.of(packing.densities * integrals.volumes)),
+        "physics:mass": Attribute("float", Column.of(packing.densities * integrals.volumes / scales.mass)),
         "physics:centerOfMass": Attribute("point3f", Column.of(centres)),
         "physics:diagonalInertia": Attribute("float3", Column.of(moments)),
         "physics:principalAxes": Attribute("quatf", Column.of(axes)),
-    }, children=(_hull(packing.grains, gap, 1e-3 * length, colours),))  # fmt: skip
+    }, children=(_hull(bed),))  # fmt: skip
 
 
-def _hull(grains: Polyhedra, gap: float, thickness: float, colours: Floats) -> Prim:
+def _hull(bed: Bed) -> Prim:
     """Return the mesh of a grain, which is its collider; its lists are cut from the flat arrays as they are written."""
+    grains, length = bed.packing.grains, bed.scales.length
     vertices, faces = grains.vertex_offsets, grains.face_offsets
     corners = grains.face_vertex_offsets[faces]
 
     def counts(first: int, last: int) -> NDArray[np.int64]:
         return np.diff(grains.face_vertex_offsets[faces[first] : faces[last] + 1])
+
+    def points(first: int, last: int) -> Floats:
+        return grains.vertices[vertices[first] : vertices[last]] / length
+
+    def indices(first: int, last: int) -> NDArray[np.int32]:
+        return grains.face_vertices[corners[first] : corners[last]]
 
     def normals(first: int, last: int) -> NDArray[np.float64]:
         part = shapes_of(grains, first, last)
@@ -179,26 +215,21 @@ def _hull(grains: Polyhedra, gap: float, thickness: float, colours: Floats) -> P
         return np.repeat(face_planes(part).normals, repeats, axis=0)
 
     def extents(first: int, last: int) -> NDArray[np.float32]:
-        points = grains.vertices[vertices[first] : vertices[last]].astype(np.float32)
+        singles = points(first, last).astype(np.float32)
         starts = vertices[first:last] - vertices[first]
-        ends = [np.minimum.reduceat(points, starts), np.maximum.reduceat(points, starts)]
+        ends = [np.minimum.reduceat(singles, starts), np.maximum.reduceat(singles, starts)]
         return np.stack(ends, axis=1)
 
     two, one = np.full(len(grains), 2), np.ones(len(grains), dtype=np.int64)
     return Prim(name="shape", kind="Mesh", schemas=_HULL, attributes={
-        "points": Attribute("point3f[]", Column(_cut(grains.vertices, vertices), np.diff(vertices))),
+        "points": Attribute("point3f[]", Column(points, np.diff(vertices))),
         "faceVertexCounts": Attribute("int[]", Column(counts, np.diff(faces))),
-        "faceVertexIndices": Attribute("int[]", Column(_cut(grains.face_vertices, corners), np.diff(corners))),
+        "faceVertexIndices": Attribute("int[]", Column(indices, np.diff(corners))),
         "normals": Attribute("normal3f[]", Column(normals, np.diff(corners)), "faceVarying"),
         "extent": Attribute("float3[]", Column(extents, two)),
         "subdivisionScheme": Attribute("token", "none"),
         "physics:approximation": Attribute("token", "convexHull"),
-        "physxConvexHullCollision:minThickness": Attribute("float", thickness),
-        "newton:contactGap": Attribute("float", gap),
-        "primvars:displayColor": Attribute("color3f[]", Column(lambda first, last: colours[first:last], one)),
+        "physxConvexHullCollision:minThickness": Attribute("float", 1e-3 * bed.diameter),
+        "newton:contactGap": Attribute("float", bed.gap),
+        "primvars:displayColor": Attribute("color3f[]", Column(lambda first, last: bed.colours[first:last], one)),
     })  # fmt: skip
-
-
-def _cut(values: NDArray[Any], offsets: NDArray[np.int64]) -> Any:
-    """Return what cuts the elements of a stretch of grains from the flat array of all."""
-    return lambda first, last: values[offsets[first] : offsets[last]]
