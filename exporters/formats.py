@@ -46,6 +46,8 @@ FORMATS = {
     "contacts": Format("exporters.tables.contacts", (".graphml", ".csv", ".parquet", ".vtp")),
     "rockable": Format("exporters.dem.rockable", (".conf",)),
     "lammps": Format("exporters.dem.lammps", (".in",)),
+    "yade": Format("exporters.dem.yade", (".py",)),
+    "sdf": Format("exporters.dem.sdf", (".sdf",)),
     "openfoam": Format("exporters.openfoam"),
 }
 """Name of a format and its row. A suffix that several share is that of the first; the others go by name."""

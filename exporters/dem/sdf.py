@@ -54,16 +54,17 @@ _WALL = """\
 
 _CONTAINER = """\
     <model name="container">
-      <static>true</static>
+      <static>1</static>
       <link name="walls">
 %s      </link>
     </model>
 """
 
+# Drake takes the friction of the surface where it finds no other.
 _SURFACE = (
     "<surface><friction><ode><mu>{0}</mu><mu2>{0}</mu2></ode></friction></surface>"
-    "<drake:proximity_properties><drake:mu_static>{0}</drake:mu_static><drake:mu_dynamic>{0}</drake:mu_dynamic>"
-    "<drake:point_contact_stiffness>{1}</drake:point_contact_stiffness></drake:proximity_properties>"
+    "<drake:proximity_properties><drake:point_contact_stiffness>{1}</drake:point_contact_stiffness>"
+    "</drake:proximity_properties>"
 )
 
 _MODEL = """\
