@@ -15,14 +15,13 @@ from grainsdem.errors import InputError, MissingPackageError, name_offenders
 from grainsdem.measures.grains.files import table_content
 from grainsdem.measures.planform.photographs import photograph
 from grainsdem.measures.planform.truth import planform_bias, planform_table
-from grainsdem.measures.planform.views import planform
 
 if TYPE_CHECKING:
     import os
     from collections.abc import Sequence
     from pathlib import Path
 
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import NDArray
 
     from grainsdem.measures.planform.views import Planform
     from grainsdem.model import Packing
@@ -32,28 +31,26 @@ FORMATS = ("png", "npy", "tif")
 
 
 def write_planform(
+    view: Planform,
     packing: Packing,
     folder: str | os.PathLike[str],
     *,
-    pixel: float | None = None,
-    per_diameter: float | None = None,
-    region: tuple[ArrayLike, ArrayLike] | None = None,
     formats: Sequence[str] = ("png", "npy"),
     least_pixels: int = 1,
     rng: int | None = 0,
     overwrite: bool = False,
     **options: Any,
 ) -> list[Path]:
-    """Write a grey image of a bed from above, and the truth about it, into a folder that is made if need be.
+    """Write a photograph of a bed from above, and the truth about it, into a folder that is made if need be.
 
     Parameters
     ----------
+    view : Planform
+        What is seen of the packing.
     packing : Packing
-        Convex grains.
+        The same packing.
     folder : str or path-like
         Where the files go.
-    pixel, per_diameter, region
-        As for `planform`.
     formats : sequence of {"png", "npy", "tif"}
         ``png``: ``image.png``, 8-bit grey. ``npy``: ``labels.npy`` (int32, grain id + 1, 0 where no grain is),
         ``depth.npy`` (float32, metres below the highest thing seen, NaN where no grain is) and ``image.npy`` (float32,
@@ -77,7 +74,7 @@ def write_planform(
     Raises
     ------
     InputError
-        If a format is another, or as `planform` and `photograph` do.
+        If a format is another, or as `photograph` does.
     MissingPackageError
         Where a TIFF is asked for and tifffile is not installed.
     WriteError
@@ -86,7 +83,6 @@ def write_planform(
     unknown = [name for name in formats if name not in FORMATS]
     if unknown:
         raise InputError(f"formats must be among {', '.join(FORMATS)}; got {name_offenders(unknown)}")
-    view = planform(packing, pixel=pixel, per_diameter=per_diameter, region=region)
     image = photograph(view, packing, rng=rng, **options)
     files: dict[str, bytes] = {}
     if "png" in formats:

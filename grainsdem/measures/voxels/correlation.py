@@ -38,6 +38,15 @@ class Correlation(NamedTuple):
     along: Floats
     solid_fraction: float
 
+    def table(self) -> NDArray[np.void]:
+        """Return one row a shell: ``distance`` [m], ``s2``, and ``s2_x``, ``s2_y``, ``s2_z`` along the axes."""
+        columns = {"distance": self.distances, "s2": self.values}
+        columns |= {f"s2_{axis}": row for axis, row in zip("xyz", self.along, strict=True)}
+        rows = np.empty(self.distances.size, dtype=[(name, np.float64) for name in columns])
+        for name, values in columns.items():
+            rows[name] = values
+        return rows
+
 
 def two_point_correlation(voxels: Voxels, *, farthest: float | None = None) -> Correlation:
     """Return the two-point correlation of the solid phase, by Fourier transforms.

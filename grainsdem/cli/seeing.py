@@ -1,0 +1,230 @@
+"""Commands that look into a bed: voxels, phases, section, planform."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+
+import grainsdem
+from grainsdem.cli.options import Bed, Json, Quiet, app, err, guarded, load, out, print_json
+from grainsdem.errors import InputError
+
+Size = Annotated[float | None, typer.Option("--resolution", help="Edge of a voxel [m].")]
+PerDiameter = Annotated[
+    float | None, typer.Option(help="Voxels or pixels along a mean diameter, 20 by default; instead of their edge.")
+]
+Region = Annotated[
+    tuple[float, float, float, float, float, float] | None,
+    typer.Option(help="Lower and upper corner of a box [m]; the domain by default."),
+]
+
+
+@app.command()
+@guarded
+def voxels(
+    bed: Bed,
+    output: Annotated[Path, typer.Argument(help="The file to write: .npy, .tif or .vti.", show_default=False)],
+    resolution: Size = None,
+    per_diameter: PerDiameter = None,
+    region: Region = None,
+    phase: Annotated[bool, typer.Option("--phase", help="Write 1 in grains and 0 elsewhere, not which grain.")] = False,
+    json_: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    r"""Write which grain each voxel lies in, layer by layer (TIFF: pip install "grainsdem\[images]")."""
+    from grainsdem.measures.voxels.files import check_suffix
+    from grainsdem.screen import ChainProgress, print_facts
+
+    check_suffix(output)
+    packing, box = load(bed), None if region is None else (region[:3], region[3:])
+    with ChainProgress(err, shown=not (quiet or json_)) as progress, progress.stage("Voxels") as tell:
+        file = grainsdem.write_voxels(
+            packing,
+            output,
+            size=resolution,
+            per_diameter=per_diameter,
+            region=box,
+            phase=phase,
+            progress=lambda share: tell(share, ""),
+        )
+    exact = grainsdem.porosity(packing, region="domain" if box is None else box)
+    if json_:
+        facts = {"counts": file.counts, "spacing": file.spacing, "porosity": file.porosity, "exact_porosity": exact}
+        print_json({"files": [str(file.path)], **facts})
+    elif not quiet:
+        counts, edges = (" × ".join(f"{n:.4g}" for n in row) for row in (file.counts, file.spacing))
+        porosity = f"{file.porosity:.5f} (exact {exact:.5f})"
+        print_facts(out, str(file.path), {"voxels": counts, "edges, m": edges, "porosity": porosity})
+
+
+@app.command()
+@guarded
+def phases(
+    bed: Bed,
+    resolution: Size = None,
+    per_diameter: PerDiameter = None,
+    region: Region = None,
+    table: Annotated[Path | None, typer.Option(help="Also write the two-point correlation (.csv).")] = None,
+    figure: Annotated[Path | None, typer.Option(help="Also draw the correlation and the chords (.png).")] = None,
+    json_: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Measure grains and void as two phases of voxels: porosity, specific surface, chords, two-point correlation."""
+    from grainsdem.screen import print_facts
+
+    box = None if region is None else (region[:3], region[3:])
+    image = grainsdem.voxelize(load(bed), size=resolution, per_diameter=per_diameter, region=box)
+    axes: list[Literal["x", "y", "z"]] = ["x", "y"] if image.is_layer else ["x", "y", "z"]
+    chords = {axis: grainsdem.chord_lengths(image, axis) for axis in axes}
+    facts: dict[str, Any] = {
+        "porosity": image.porosity(),
+        "specific_surface": grainsdem.specific_surface(image),
+        "specific_surface_crofton": grainsdem.specific_surface(image, method="crofton"),
+        **{f"mean_chord_solid_{axis}": found.mean("solid") for axis, found in chords.items()},
+        **{f"mean_chord_void_{axis}": found.mean("void") for axis, found in chords.items()},
+    }
+    if table is not None or figure is not None:
+        correlation = grainsdem.two_point_correlation(image)
+        if table is not None:
+            grainsdem.write_csv(correlation.table(), table)
+        if figure is not None:
+            grainsdem.figures.phase_figure(correlation, chords["x"], figure)
+    if json_:
+        print_json(facts)
+    elif not quiet:
+        print_facts(out, str(bed), {name.replace("_", " "): f"{value:.5g}" for name, value in facts.items()})
+
+
+@app.command()
+@guarded
+def section(
+    bed: Bed,
+    picture: Annotated[Path, typer.Argument(help="The picture to write (.png).", show_default=False)],
+    plane: Annotated[
+        str | None,
+        typer.Option(help="Such as z=0.01, or n_x,n_y,n_z,d for n · x = d [m]; by default level, in the middle."),
+    ] = None,
+    color_by: Annotated[Literal["diameter", "id", "none"], typer.Option(help="What colours the grains.")] = "diameter",
+    table: Annotated[Path | None, typer.Option(help="Also write one row a polygon (.csv).")] = None,
+    profile: Annotated[Path | None, typer.Option(help="Also write one row for each of many levels (.csv).")] = None,
+    levels: Annotated[int, typer.Option(help="Levels of the profile.", min=1)] = 32,
+    axis: Annotated[Literal["x", "y", "z"], typer.Option(help="Along which the levels follow one another.")] = "z",
+    json_: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Cut a bed by a plane: the polygons of its grains, drawn and measured, beside what stereology expects."""
+    from grainsdem.figures.frame import check_suffix
+    from grainsdem.screen import print_facts
+
+    check_suffix(picture)
+    packing = load(bed)
+    cut = grainsdem.section(packing, **_plane(plane, packing))
+    grainsdem.figures.section_figure(cut, picture, color_by=None if color_by == "none" else color_by)
+    if table is not None:
+        grainsdem.write_csv(grainsdem.section_table(cut), table)
+    if profile is not None:
+        grainsdem.write_csv(grainsdem.section_profile(packing, levels, axis=axis), profile)
+    found, expected = grainsdem.section_summary(cut), grainsdem.expected_section(packing, normal=cut.frame[2])
+    if json_:
+        print_json({"section": found, "expected": expected})
+    elif not quiet:
+        facts = {
+            name.replace("_", " "): "–"
+            if value is None
+            else f"{value:.4g}" + (f"  ({expected[name]:.4g} in the mean over the bed)" if name in expected else "")
+            for name, value in found.items()
+        }
+        print_facts(out, str(picture), facts)
+
+
+@app.command()
+@guarded
+def planform(
+    bed: Bed,
+    folder: Annotated[Path, typer.Argument(help="The folder for the image and its truth.", show_default=False)],
+    pixel: Annotated[float | None, typer.Option(help="Edge of a pixel [m].")] = None,
+    per_diameter: PerDiameter = None,
+    region: Annotated[
+        tuple[float, float, float, float] | None, typer.Option(help="Smallest x and y, largest x and y [m].")
+    ] = None,
+    light: Annotated[tuple[float, float, float], typer.Option(help="Direction to the light.")] = (-1.0, 1.0, 1.5),
+    ambient: Annotated[float, typer.Option(help="Share of the light that comes from the whole sky.")] = 0.4,
+    brightness: Annotated[float, typer.Option(help="Grey of a level face in full light.")] = 0.6,
+    variety: Annotated[float, typer.Option(help="Spread of the grains' reflectance, of its logarithm.")] = 0.15,
+    blur: Annotated[float, typer.Option(help="Spread of a point [pixels].")] = 0.0,
+    noise: Annotated[float, typer.Option(help="Spread of the grey that is added to each pixel.")] = 0.0,
+    formats: Annotated[
+        list[str] | None, typer.Option("--format", help="png, npy or tif; may be repeated. [default: png, npy]")
+    ] = None,
+    least_pixels: Annotated[int, typer.Option(help="Grains of which fewer are seen are specks.", min=1)] = 1,
+    figure: Annotated[Path | None, typer.Option(help="Also draw image, grains, depths and sizes (.png).")] = None,
+    rng: Annotated[int, typer.Option(help="Seed of reflectances and noise.", min=0)] = 0,
+    force: Annotated[bool, typer.Option("--force", help="Replace files that exist.")] = False,
+    json_: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Photograph a bed from above, and write who is seen where, how deep, and how large grains are and seem."""
+    from grainsdem.screen import print_facts
+
+    packing, corners = load(bed), None if region is None else (region[:2], region[2:])
+    camera: dict[str, Any] = {"light": light, "ambient": ambient, "brightness": brightness}
+    camera |= {"variety": variety, "blur": blur, "noise": noise}
+    view = grainsdem.planform(packing, pixel=pixel, per_diameter=per_diameter, region=corners)
+    files = grainsdem.write_planform(
+        view,
+        packing,
+        folder,
+        formats=formats or ("png", "npy"),
+        least_pixels=least_pixels,
+        rng=rng,
+        overwrite=force,
+        **camera,
+    )
+    if figure is not None:
+        image = grainsdem.photograph(view, packing, rng=rng, **camera)
+        grainsdem.figures.planform_figure(view, packing, image, figure, least_pixels=least_pixels)
+    seen = grainsdem.planform_table(view, packing)
+    whole = seen[~seen["is_cut"] & (seen["n_pixels"] >= least_pixels)]
+    rows = grainsdem.planform_bias(whole, packing, least_pixels=least_pixels) if whole.size else whole[:0]
+    if json_:
+        names = rows.dtype.names or ()
+        bias = {row["statistic"]: {name: float(row[name]) for name in names[1:]} for row in rows}
+        print_json({"files": [str(path) for path in files], "bias": bias})
+    elif not quiet:
+        print_facts(out, str(folder), {"grains seen": str(seen.size), "of those whole": str(whole.size)})
+        _print_bias(rows)
+
+
+def _print_bias(rows: Any) -> None:
+    """Print the apparent axes b beside the true ones, in millimetres."""
+    from rich.table import Table
+
+    columns = {
+        "seen, by number": "apparent_by_number",
+        "seen, by area": "apparent_by_area",
+        "bed, by number": "bed_by_number",
+        "bed, by mass": "bed_by_mass",
+    }
+    table = Table(title="axis b, mm", title_justify="left")
+    for title in ("", *columns):
+        table.add_column(title, justify="right")
+    for row in rows:
+        table.add_row(str(row["statistic"]), *(f"{row[name] * 1e3:.4g}" for name in columns.values()))
+    out.print(table)
+
+
+def _plane(text: str | None, packing: grainsdem.Packing) -> dict[str, Any]:
+    """Return the plane that a text such as z=0.01 or 1,1,0,0.02 means, as `grainsdem.section` takes it."""
+    if text is None:
+        domain = packing.domain
+        top = float(grainsdem.world_vertices(packing)[:, 2].max(initial=domain.lower[2]))
+        return {"z": float(0.5 * (domain.lower[2] + min(top, domain.upper[2])))}
+    name, equals, place = text.partition("=")
+    try:
+        if equals and name.strip() in ("x", "y", "z"):
+            return {name.strip(): float(place)}
+        return {"plane": [float(number) for number in text.split(",")]}
+    except ValueError:
+        raise InputError(f"a plane is written as z=0.01, or n_x,n_y,n_z,d; got {text!r}") from None
