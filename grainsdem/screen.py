@@ -167,6 +167,44 @@ def print_pattern(console: Console, title: str, pattern: dict[str, Any], *, is_p
     console.print(table)
 
 
+def print_distribution(console: Console, title: str, found: dict[str, Any]) -> None:
+    """Print what is said of the sizes of a bed: statistics by number and by volume, and the fits, best first."""
+    by = (found["by_number"], found["by_volume"])
+    of = "b axis" if found["diameter"] == "sieve" else "equal-volume"
+    table = Table(title=f"{title}: {of} diameters", title_justify="left", title_style="bold")
+    for column in ("", "by number", "by volume"):
+        table.add_column(column, justify="right" if column else "left")
+    for mark in by[0]["percentiles"]:
+        table.add_row(f"{mark}, mm", *(f"{kind['percentiles'][mark] * 1e3:.4g}" for kind in by))
+    statistics = {"mean": "size", "sorting": "sorting", "skewness": "skewness", "kurtosis": "kurtosis"}
+    for key, named in statistics.items():
+        values = [(kind["folk_ward"][key], kind[f"{named}_class"]) for kind in by]
+        table.add_row(f"{key}, graphic", *("–" if v is None else f"{v:.3f} ({word})" for v, word in values))
+    for key in statistics:
+        values = [kind["moments"][key] for kind in by]
+        table.add_row(f"{key}, moments", *("–" if v is None else f"{v:.3f}" for v in values))
+    console.print(table)
+    if found["fits"] is not None:
+        _print_fits(console, found["fits"])
+
+
+def _print_fits(console: Console, fits: dict[str, Any]) -> None:
+    best = min(fit["aic"] for fit in fits.values())
+    table = Table(title="fits by number, best first", title_justify="left")
+    for column in ("family", "AIC", "K–S (p)", "parameters (95 %)"):
+        table.add_column(column, no_wrap=column.startswith("par"))
+    for family, fit in sorted(fits.items(), key=lambda item: item[1]["aic"]):
+        lines = []
+        for name, value in fit["parameters"].items():
+            low, high = fit["intervals"][name]
+            known = "" if low is None or high is None else f" ({low:.4g} to {high:.4g})"
+            lines.append(f"{name} {value:.4g}{known}")
+        edge = f" (on the {fit['edge']} edge)" if fit["edge"] else ""
+        distance = f"{fit['ks']:.4f} ({fit['ks_p_value']:.2g})"
+        table.add_row(family + edge, f"+{fit['aic'] - best:.1f}", distance, "\n".join(lines), end_section=True)
+    console.print(table)
+
+
 def _rows(summaries: list[dict[str, Any]]) -> list[tuple[str, ...]]:
     """Return the measures that every summary shares, as text."""
 

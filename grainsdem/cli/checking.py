@@ -63,7 +63,24 @@ def measure(
         float | None,
         typer.Option(help="Gap [m] below which grains count as touching; 1e-3 of a diameter by default."),
     ] = None,
-    table: Annotated[Path | None, typer.Option(help="Also write one row a grain to this .csv file.")] = None,
+    table: Annotated[
+        Path | None, typer.Option(help="Also write one row a grain: .csv, .parquet, .h5 or .hdf5.")
+    ] = None,
+    neighbors: Annotated[
+        Path | None,
+        typer.Option(help="Also write who grew beside whom and how far away: .csv, .parquet, .h5 or .hdf5."),
+    ] = None,
+    distribution: Annotated[
+        bool,
+        typer.Option(
+            "--distribution",
+            help="Also say how sizes are distributed: percentiles, φ statistics, fits of three families.",
+        ),
+    ] = False,
+    diameter: Annotated[
+        Literal["volume", "sieve"],
+        typer.Option(help="Size of a grain in --distribution: its equal-volume diameter, or its b axis."),
+    ] = "volume",
     contacts: Annotated[
         Path | None,
         typer.Option(help="Also write who touches whom: .csv, .parquet, .graphml, or .vtp for ParaView."),
@@ -72,19 +89,31 @@ def measure(
     json_: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Measure a bed: porosity, grain sizes, sphericity, coordination."""
-    from grainsdem.measures import write_csv
+    """Measure a bed: porosity, grain sizes and how they are distributed, sphericity, coordination."""
+    from grainsdem.measures.grains.files import check_table
     from grainsdem.measures.graph.edges import check_edges
+    from grainsdem.screen import print_distribution
 
+    for path in (table, neighbors):
+        if path is not None:
+            check_table(path)
     if contacts is not None:
         check_edges(contacts)
     packing = load(bed)
     graph = grainsdem.contacts(packing, within=within, walls=walls and contacts is not None)
+    sizes = {"distribution": grainsdem.size_distribution(packing, diameter=diameter)} if distribution else {}
+    if neighbors is not None:
+        grainsdem.write_table(grainsdem.neighbor_table(packing), neighbors)
     if table is not None:
-        write_csv(grainsdem.table(packing), table)
+        grainsdem.write_table(grainsdem.table(packing), table)
     if contacts is not None:
         grainsdem.write_edges(graph, contacts, packing=packing)
+    if json_:
+        print_json(grainsdem.summary(packing, graph.among_grains()) | sizes)
+        return
     show_summary(packing, json_=json_, quiet=quiet, title=str(bed), graph=graph.among_grains())
+    if sizes and not quiet:
+        print_distribution(out, str(bed), sizes["distribution"])
 
 
 @app.command()

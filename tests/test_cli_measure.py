@@ -1,0 +1,69 @@
+from __future__ import annotations
+
+import json
+
+import h5py
+import numpy as np
+import pytest
+from pyarrow import parquet
+from typer.testing import CliRunner
+
+import grainsdem
+from grainsdem.cli import app
+
+pytestmark = pytest.mark.unit
+
+
+def call(*words):
+    return CliRunner().invoke(app, [str(word) for word in words])
+
+
+@pytest.fixture(scope="module")
+def beds(fresh, tmp_path_factory):
+    """A bed whose grains know their cells, and one whose grains were shuffled."""
+    folder = tmp_path_factory.mktemp("beds")
+    grainsdem.save(fresh, folder / "fresh.h5")
+    grainsdem.save(grainsdem.shuffle(fresh, rng=5), folder / "shuffled.h5")
+    return folder
+
+
+def test_measure_writes_tables_of_grains_and_of_neighbours_by_suffix(beds, tmp_path, fresh):
+    words = ["--table", tmp_path / "grains.parquet", "--neighbors", tmp_path / "neighbors.h5", "--quiet"]
+    assert call("measure", beds / "fresh.h5", *words).exit_code == 0
+    rows = grainsdem.table(fresh)
+    read = parquet.read_table(tmp_path / "grains.parquet")
+    np.testing.assert_array_equal(read["sieve_diameter"].to_numpy(), rows["sieve_diameter"])
+    with h5py.File(tmp_path / "neighbors.h5") as file:
+        assert len(file["table"]) == rows["n_neighbors"].sum()
+
+
+def test_measure_tells_the_distribution_in_json_beside_the_summary(beds, fresh):
+    plain = json.loads(call("measure", beds / "fresh.h5", "--json").stdout)
+    found = json.loads(call("measure", beds / "fresh.h5", "--distribution", "--json").stdout)
+    assert found.pop("distribution") == json.loads(json.dumps(grainsdem.size_distribution(fresh)))
+    assert found == plain
+
+
+def test_measure_prints_the_distribution_with_the_best_family_first(beds, fresh):
+    text = call("measure", beds / "fresh.h5", "--distribution").output
+    fits = grainsdem.size_distribution(fresh)["fits"]
+    best = min(fits, key=lambda family: fits[family]["aic"])
+    lines = text[text.index("fits by number") :]
+    assert "sorted" in text
+    assert all(lines.index(best) <= lines.index(family) for family in fits)
+    sieved = call("measure", beds / "fresh.h5", "--distribution", "--diameter", "sieve").output
+    assert "b axis diameters" in sieved
+
+
+def test_measure_refuses_a_table_in_another_format_before_it_reads_the_bed(tmp_path):
+    result = call("measure", tmp_path / "missing.h5", "--table", tmp_path / "grains.xlsx")
+    assert result.exit_code == 2
+    assert "a table is written as .csv, .parquet, .h5 or .hdf5; got '.xlsx'" in result.stderr
+
+
+def test_grains_that_left_their_cells_have_no_neighbours_to_write_and_nothing_is_written(beds, tmp_path):
+    words = ["--table", tmp_path / "grains.csv", "--neighbors", tmp_path / "neighbors.csv"]
+    result = call("measure", beds / "shuffled.h5", *words)
+    assert result.exit_code == 2
+    assert "lost the cells" in result.stderr
+    assert list(tmp_path.iterdir()) == []
