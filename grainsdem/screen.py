@@ -191,16 +191,16 @@ def print_distribution(console: Console, title: str, found: dict[str, Any]) -> N
 def _print_fits(console: Console, fits: dict[str, Any]) -> None:
     best = min(fit["aic"] for fit in fits.values())
     table = Table(title="fits by number, best first", title_justify="left")
-    for column in ("family", "AIC", "K–S (p)", "parameters (95 %)"):
-        table.add_column(column, no_wrap=column.startswith("par"))
+    for column in ("family", "AIC", "K–S", "parameters (95 %)"):
+        table.add_column(column, no_wrap=True)
     for family, fit in sorted(fits.items(), key=lambda item: item[1]["aic"]):
         lines = []
         for name, value in fit["parameters"].items():
             low, high = fit["intervals"][name]
             known = "" if low is None or high is None else f" ({low:.4g} to {high:.4g})"
             lines.append(f"{name} {value:.4g}{known}")
-        edge = f" (on the {fit['edge']} edge)" if fit["edge"] else ""
-        distance = f"{fit['ks']:.4f} ({fit['ks_p_value']:.2g})"
+        edge = f"\n{fit['edge']} edge" if fit["edge"] else ""
+        distance = f"{fit['ks']:.4f}\np {fit['ks_p_value']:.1g}"
         table.add_row(family + edge, f"+{fit['aic'] - best:.1f}", distance, "\n".join(lines), end_section=True)
     console.print(table)
 
