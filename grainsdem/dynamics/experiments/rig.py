@@ -31,7 +31,10 @@ if TYPE_CHECKING:
 HEAVY = 1e4
 """Mass [m] or inertia [m d²] of a driven part: grains change its speed by dt F / 1e4, a thousandth of a usual one."""
 
-RUNAWAY = 10.0
+LIMIT_SPEED = 2.0
+"""Speed [d/t] that a wall reaches against nothing; grains that were set apart are gathered no faster."""
+
+RUNAWAY = 100.0
 """Mean kinetic energy of a grain [P d³] that no loading at these rates gives: the run has gone wrong."""
 
 REST_PRESSURE = 0.03
@@ -252,6 +255,10 @@ class Staged(Trial):
         """Return a few words on a sample of the shear."""
         raise NotImplementedError
 
+    def duration(self) -> float:
+        """Return how long [t] the shear takes."""
+        return float(self.strain / self.rate)
+
     def ramp(self) -> float:
         """Return the share of its speed that a driven part has, 0 before shear begins."""
         return min(1.0, (self.scene.engine.time - self.begun["time"]) / RAMP_TIME) if self.begun else 0.0
@@ -273,7 +280,7 @@ class Staged(Trial):
         is_at_rest = len(self.samples) > REST_SAMPLES and all(map(self._is_at_rest, self.samples[-REST_SAMPLES:]))
         if is_at_rest or now.time > COMPRESSION_LIMIT:
             self.begun = {"time": now.time, "is_at_rest": bool(is_at_rest), **self.mark()}
-            self.sample_time = max(self.sample_time, self.strain / self.rate / N_SAMPLES)
+            self.sample_time = max(self.sample_time, self.duration() / N_SAMPLES)
             self._set_friction()
 
     def memory(self) -> dict[str, Any]:

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 
 from exporters.mjcf import MjcfOptions, units
-from grainsdem.dynamics.experiments.cell import LIMIT_SPEED, Cell
+from grainsdem.dynamics.experiments.cells import SixWalls
 from grainsdem.dynamics.experiments.rig import (
+    LIMIT_SPEED,
     JsonReport,
     Outcome,
     Staged,
@@ -228,9 +229,9 @@ def triaxial(
     )
 
 
-def _build(packing: Packing, options: MjcfOptions, *, spheres: bool) -> tuple[Scene, Cell]:
+def _build(packing: Packing, options: MjcfOptions, *, spheres: bool) -> tuple[Scene, SixWalls]:
     """Return the scene and the walls around it."""
-    cell = Cell(packing, units(packing, options.gravity), driven=1 if packing.domain.is_planar else 2)
+    cell = SixWalls(packing, units(packing, options.gravity), driven=1 if packing.domain.is_planar else 2)
     return assemble(packing, options, cell.furnish, spheres=spheres), cell
 
 
@@ -253,7 +254,9 @@ class _Triaxial(Staged):
         "kinetic_energy": "P d3",
     }
 
-    def __init__(self, scene: Scene, cell: Cell, record: Record, tell: Tell | None, options: Mapping[str, Any]) -> None:
+    def __init__(
+        self, scene: Scene, cell: SixWalls, record: Record, tell: Tell | None, options: Mapping[str, Any]
+    ) -> None:
         self.cell = cell
         self.lateral = tuple(axis for axis in cell.axes if axis != cell.driven)
         self._volume = float(volumes(scene.source.grains).sum()) / scene.units.length**3

@@ -18,15 +18,12 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-LIMIT_SPEED = 1.0
-"""Speed [d/t] that a wall reaches against nothing; grains that were set apart are gathered no faster."""
-
 
 DRIVEN = 10.0
 """How much heavier than the others driven walls are: they keep their speed, and still can gather the grains."""
 
 
-class Cell:
+class SixWalls:
     """Walls around a packing, each on a joint of its own along its outward normal.
 
     Parameters

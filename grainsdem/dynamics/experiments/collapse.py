@@ -1,0 +1,281 @@
+"""Collapse: walls are taken away from a bed at rest, which runs out until it is at rest again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from exporters.mjcf import MjcfOptions
+from grainsdem.dynamics.experiments.resting import Resting, pour
+from grainsdem.dynamics.experiments.rig import JsonReport, Outcome, assemble, check_frictions, check_ranges
+from grainsdem.dynamics.loop import Record
+from grainsdem.dynamics.mechanics import snapshot
+from grainsdem.dynamics.mechanics.slopes import Slope, directions, run_out, surface
+from grainsdem.errors import InputError
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from grainsdem.dynamics.experiments.rig import Tell
+    from grainsdem.dynamics.scene import Scene
+    from grainsdem.model import Packing
+
+    Floats = NDArray[np.float64]
+
+
+class CollapseSample(NamedTuple):
+    """One look at a collapse; lengths in grain units.
+
+    Parameters
+    ----------
+    time : float
+        Simulated time [t].
+    stage : float
+        0 between the walls, 1 without.
+    kinetic_energy : float
+        Mean of the grains that touch another one [m g d].
+    height : float
+        Highest point of the bed above the floor [d].
+    run_out : float
+        Distance [d] within which 95 % of the mass are, from the middle of the bed or from the wall that stays behind.
+    """
+
+    time: float
+    stage: float
+    kinetic_energy: float
+    height: float
+    run_out: float
+
+
+@dataclass(frozen=True, slots=True)
+class CollapseReport(JsonReport):
+    """What a collapse left.
+
+    Parameters
+    ----------
+    repose_angle : float
+        Slope of the surface [rad]; NaN where fewer than three points of the profile lie on it.
+    repose_angle_error : float
+        Its standard error from the fit [rad].
+    initial_height, final_height : float
+        Highest point above the floor [m].
+    initial_run_out, final_run_out : float
+        Distance [m] within which 95 % of the mass are, from the middle or from the wall that stays behind the bed.
+    relative_run_out : float
+        Change of that distance over the initial one.
+    at_rest : bool
+        Whether the heap was at rest at the end: else its slope is no angle of repose.
+    is_settled : bool
+        Whether the bed was at rest when the walls were taken away.
+    time : float
+        Simulated time [s].
+    n_steps, halvings : int
+        Steps taken, and how often the time step was halved to keep the run stable.
+    """
+
+    repose_angle: float
+    repose_angle_error: float
+    initial_height: float
+    final_height: float
+    initial_run_out: float
+    final_run_out: float
+    relative_run_out: float
+    at_rest: bool
+    is_settled: bool
+    time: float
+    n_steps: int
+    halvings: int
+
+
+def collapse(
+    packing: Packing,
+    *,
+    release: Sequence[str] | None = None,
+    friction: float = 0.5,
+    wall_friction: float | None = None,
+    gravity: float = 9.81,
+    max_time: float = 100.0,
+    rng: np.random.Generator | int | None = None,
+    spheres: bool = False,
+    time_step: float = 0.01,
+    history_path: str | os.PathLike[str] | None = None,
+    resume: bool = False,
+    progress: Tell | None = None,
+) -> Outcome[CollapseReport]:
+    """Take walls away from a bed, let it run out over the floor to rest, and measure the slope that it is left with.
+
+    Parameters
+    ----------
+    packing : Packing
+        The bed, in a box; `settle` it first, or give ``rng``.
+    release : sequence of str, optional
+        Walls to take away, such as ``["wall_x1"]`` for a slope towards +x; all of them by default, for a heap.
+    friction : float
+        Coefficient of friction among grains.
+    wall_friction : float, optional
+        The same with floor and walls; as among grains by default.
+    gravity : float
+        Acceleration [m/s²].
+    max_time : float
+        Time limit after the release, in units of √(d/g).
+    rng : numpy.random.Generator, int or None
+        Where given, grains are first turned at random, reordered and poured between the walls; it is the seed.
+    spheres : bool
+        Whether each grain is replaced by the sphere of equal volume. A heap of spheres that roll may not come to rest.
+    time_step : float
+        Time step in units of √(d/g).
+    history_path, resume, progress
+        As for `triaxial`.
+
+    Returns
+    -------
+    Outcome
+        Packing, history, `CollapseReport`, snapshot, and the ``profile`` of the surface: ``distance`` and ``height``
+        [m].
+
+    Raises
+    ------
+    InputError
+        If an option is out of range, there is no such wall, or the packing is periodic or overlaps.
+    UnstableError
+        If the run goes wrong and three smaller time steps do not help.
+
+    Notes
+    -----
+    The bed is at rest where, at five samples 0.2 √(d/g) apart, the mean kinetic energy of the grains that touch
+    another one is below 1e-5 m g d. The surface is found in bins one d wide of the distance from the middle (from the
+    wall behind the bed where that stays): each bin is cut across into pieces about two d long, the highest point of the
+    grains in each is taken, the floor where there are none, and the mean over the pieces is the height. The angle of
+    repose is that of the least-squares line through the bins from the last one above 80 % to the first one below 20 %
+    of the greatest height: neither crest nor toe.
+    """
+    check_ranges(gravity=gravity, max_time=max_time, time_step=time_step)
+    check_frictions(friction=friction, wall_friction=wall_friction)
+    start = pour(packing, rng)
+    options = MjcfOptions(friction=friction, wall_friction=wall_friction, gravity=gravity, time_step=time_step)
+    scene = assemble(start, options, lambda _apparatus: None, spheres=spheres)
+    walls = _walls(scene)
+    chosen = walls if release is None else list(release)
+    unknown = [name for name in chosen if name not in walls]
+    if unknown or not chosen:
+        raise InputError(f"release must name some of {', '.join(walls)}; got {', '.join(chosen) or 'none'}")
+    told = {"release": chosen, "friction": friction, "wall_friction": wall_friction, "max_time": max_time}
+    run = _Collapse(scene, Record(history_path, resume, told), progress, told)
+    run.run()
+    step = {"gravity": gravity, "time_step": time_step, "spheres": spheres, **told}
+    found = run.slope()
+    profile = {"distance": found.distances, "height": found.heights}
+    return Outcome(
+        scene.packing().with_step("collapse", **step), run.history(), run.report(found), snapshot(scene), profile
+    )
+
+
+class _Collapse(Resting):
+    """A bed that comes to rest between its walls, and then without."""
+
+    experiment = "collapse"
+    columns: ClassVar[Mapping[str, str]] = {
+        "time": "s",
+        "stage": "0 between walls, 1 without",
+        "kinetic_energy": "m g d",
+        "height": "m",
+        "run_out": "m",
+    }
+
+    def __init__(self, scene: Scene, record: Record, tell: Tell | None, options: Mapping[str, Any]) -> None:
+        super().__init__(scene, record, tell, options["max_time"])
+        self.release: list[str] = options["release"]
+        self._origin = _origin(scene.source, self.release, _walls(scene))
+
+    def act(self) -> None:
+        """Take the walls away."""
+        for wall in self.release:
+            self.scene.engine.remove(wall)
+
+    def mark(self, now: CollapseSample) -> dict[str, Any]:
+        """Return the size of the bed before its collapse."""
+        return {"height": now.height, "run_out": now.run_out}
+
+    def measure(self) -> CollapseSample:
+        """Return the present sample."""
+        now = snapshot(self.scene)
+        height, distance = run_out(now.packing, self._origin)
+        scale = self.scene.units.length
+        return CollapseSample(
+            time=self.scene.engine.time,
+            stage=float(self.begun is not None),
+            kinetic_energy=self.touching_energy(now),
+            height=height / scale,
+            run_out=distance / scale,
+        )
+
+    def is_over(self) -> bool:
+        """Return whether the heap is at rest, or time is up."""
+        return self.begun is not None and (self.is_at_rest() or self.since() >= self.max_time)
+
+    def share_done(self, now: CollapseSample) -> float:
+        """Return how much of the time limit is over, at least: a heap may be at rest long before."""
+        del now
+        return self.since() / self.max_time
+
+    def words(self, now: CollapseSample) -> str:
+        """Return a few words on a sample after the release."""
+        return f"{now.kinetic_energy:.0e} m g d, height {now.height:.1f} d, run-out {now.run_out:.1f} d"
+
+    def in_si(self, row: CollapseSample) -> CollapseSample:
+        """Return a sample as it is stored."""
+        scales = self.scene.units
+        return row._replace(
+            time=row.time * scales.time, height=row.height * scales.length, run_out=row.run_out * scales.length
+        )
+
+    def slope(self) -> Slope:
+        """Return the surface of the heap."""
+        return surface(snapshot(self.scene), self._origin, width=self.scene.units.length)
+
+    def report(self, found: Slope) -> CollapseReport:
+        """Return what the collapse left."""
+        begun = self.begun or {"height": np.nan, "run_out": np.nan, "is_at_rest": False}
+        last, scale = self.samples[-1], self.scene.units.length
+        return CollapseReport(
+            repose_angle=found.angle,
+            repose_angle_error=found.error,
+            initial_height=begun["height"] * scale,
+            final_height=last.height * scale,
+            initial_run_out=begun["run_out"] * scale,
+            final_run_out=last.run_out * scale,
+            relative_run_out=last.run_out / begun["run_out"] - 1,
+            at_rest=self.is_at_rest(),
+            is_settled=begun["is_at_rest"],
+            time=self.time_in_si(),
+            n_steps=self.n_steps,
+            halvings=self.halvings,
+        )
+
+
+def _walls(scene: Scene) -> list[str]:
+    """Return the names of the walls of the container."""
+    return [name for name in scene.engine.parts if name.startswith("wall")]
+
+
+def _origin(packing: Packing, release: list[str], walls: list[str]) -> dict[int, tuple[float, float]]:
+    """Return, for each level axis along which the bed runs out, where from [m] and which way: −1, 1, or 0 for both."""
+    _, level = directions(packing)
+    lower, upper = packing.domain.lower, packing.domain.upper
+    if set(release) == set(walls) or any(name.startswith("wall_p") for name in release):
+        return {axis: (0.5 * float(lower[axis] + upper[axis]), 0.0) for axis in level}
+    origin = {}
+    for axis in level:
+        low, high = (f"wall_{'xy'[axis]}{side}" in release for side in (0, 1))
+        if low and high:
+            origin[axis] = 0.5 * float(lower[axis] + upper[axis]), 0.0
+        elif high:
+            origin[axis] = float(lower[axis]), 1.0
+        elif low:
+            origin[axis] = float(upper[axis]), -1.0
+    return origin

@@ -1,0 +1,345 @@
+"""Direct shear: the upper half of a box is driven over the lower one under a lid that is pressed down."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from exporters.mjcf import MjcfOptions, units
+from grainsdem.dynamics.experiments.cells import ShearBox
+from grainsdem.dynamics.experiments.rig import (
+    JsonReport,
+    Outcome,
+    Staged,
+    assemble,
+    check_frictions,
+    check_ranges,
+    highest,
+    pressure_gravity,
+    smooth,
+)
+from grainsdem.dynamics.loop import Record
+from grainsdem.dynamics.mechanics import coordination, sliding_fraction, snapshot, traction
+from grainsdem.errors import InputError
+from grainsdem.geometry.integrals import volumes
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from grainsdem.dynamics.experiments.rig import Tell
+    from grainsdem.dynamics.scene import Scene
+    from grainsdem.model import Packing
+
+    Floats = NDArray[np.float64]
+
+PEAK_SPAN = 0.02
+"""Displacement, over the length of the box, over which stresses are averaged before their peak is looked for."""
+
+STEADY_SHARE = 0.25
+"""Last part of the displacement that is averaged for the steady state."""
+
+BAND = 0.1
+"""Half the height [d] about the plane between the halves in which the stress of the contacts is taken."""
+
+
+class DirectShearSample(NamedTuple):
+    """One look at a direct shear test, in grain units.
+
+    Parameters
+    ----------
+    time : float
+        Simulated time [t].
+    stage : float
+        0 while the bed is compressed, 1 while it is sheared.
+    displacement : float
+        Way of the upper half over the length of the box.
+    volumetric_strain : float
+        Change of the height over the height at the beginning of shear, positive where the bed dilates.
+    normal_stress, shear_stress : float
+        Mean force on lid and upper half since the last sample, over the area that the halves have in common [P].
+    normal_stress_contacts, shear_stress_contacts : float
+        The same from the contacts that cross the plane between the halves, at the instant [P].
+    friction : float
+        Shear force over normal force of the box.
+    solid_fraction : float
+        Volume of the grains over that between floor and lid.
+    coordination : float
+        Mean number of grains that press on a grain.
+    sliding_fraction : float
+        Share of the contact points that slide.
+    kinetic_energy : float
+        Mean of a grain [P d³].
+    """
+
+    time: float
+    stage: float
+    displacement: float
+    volumetric_strain: float
+    normal_stress: float
+    shear_stress: float
+    normal_stress_contacts: float
+    shear_stress_contacts: float
+    friction: float
+    solid_fraction: float
+    coordination: float
+    sliding_fraction: float
+    kinetic_energy: float
+
+
+@dataclass(frozen=True, slots=True)
+class DirectShearReport(JsonReport):
+    """What a direct shear test measured.
+
+    Parameters
+    ----------
+    peak_friction, steady_friction : float
+        τ/σ of the box: the highest of the means over 0.02 of the length, and the mean over the last quarter of the way.
+    steady_friction_contacts : float
+        The latter from the contacts of grains across the plane between the halves.
+    mismatch : float
+        Difference of the two, relative.
+    peak_displacement : float
+        Way at the peak, over the length of the box.
+    dilation : float
+        Rise of the lid at the end over the height at the beginning of shear.
+    normal_stress : float
+        Mean over the shear of the force on the lid over the whole floor [Pa].
+    initial_solid_fraction, final_solid_fraction : float
+        When shear began, and at the end.
+    inertial_number : float
+        v/h d √(ρ/σ), v being the speed of the upper half and h the height of the bed.
+    is_compressed : bool
+        Whether the bed was at rest when shear began.
+    time : float
+        Simulated time [s].
+    n_steps, halvings : int
+        Steps taken, and how often the time step was halved to keep the run stable.
+    """
+
+    peak_friction: float
+    steady_friction: float
+    steady_friction_contacts: float
+    mismatch: float
+    peak_displacement: float
+    dilation: float
+    normal_stress: float
+    initial_solid_fraction: float
+    final_solid_fraction: float
+    inertial_number: float
+    is_compressed: bool
+    time: float
+    n_steps: int
+    halvings: int
+
+
+def direct_shear(
+    packing: Packing,
+    *,
+    normal_stress: float = 1e4,
+    displacement: float = 0.2,
+    inertial_number: float = 1e-2,
+    friction: float = 0.5,
+    compaction_friction: float | None = None,
+    rng: np.random.Generator | int | None = None,
+    spheres: bool = False,
+    time_step: float = 0.01,
+    history_path: str | os.PathLike[str] | None = None,
+    resume: bool = False,
+    progress: Tell | None = None,
+) -> Outcome[DirectShearReport]:
+    """Drive the upper half of a box over the lower one under a constant load.
+
+    Parameters
+    ----------
+    packing : Packing
+        Grains free of overlap. In planar work the height is along y.
+    normal_stress : float
+        Load over the floor [Pa].
+    displacement : float
+        Way of the upper half to go to, over the length of the box.
+    inertial_number : float
+        v/h d √(ρ/σ), v being the speed of the upper half and h the height of the bed.
+    friction : float
+        Coefficient of friction among grains, and with floor and lid; the walls of the halves are smooth.
+    compaction_friction : float, optional
+        The same among grains while the bed is compressed: less makes a denser bed. As in shear by default.
+    rng : numpy.random.Generator, int or None
+        Where given, grains are first turned at random, reordered and set apart in a box twice as long as it is high and
+        deep; it is the seed. Without it they start where they are, in the box that their domain is.
+    spheres : bool
+        Whether each grain is replaced by the sphere of equal volume.
+    time_step : float
+        Time step in units of d √(ρ/σ).
+    history_path, resume, progress
+        As for `triaxial`.
+
+    Returns
+    -------
+    Outcome
+        Packing, history, `DirectShearReport`, snapshot.
+
+    Raises
+    ------
+    InputError
+        If an option is out of range, or the packing is periodic or overlaps.
+    UnstableError
+        If the run goes wrong and three smaller time steps do not help.
+    """
+    check_ranges(normal_stress=normal_stress, displacement=displacement, inertial_number=inertial_number)
+    check_ranges(time_step=time_step)
+    check_frictions(friction=friction, compaction_friction=compaction_friction)
+    if displacement > 0.5:
+        raise InputError(f"displacement must be at most half the length of the box, 0.5; got {displacement}")
+    box = ShearBox(packing, rng=rng)
+    options = MjcfOptions(
+        friction=friction, gravity=pressure_gravity(packing, normal_stress), time_step=time_step, walls="none"
+    )
+    scales = units(box.packing, options.gravity)
+    scene = assemble(
+        box.packing, options, lambda apparatus: box.furnish(apparatus, scales, friction=friction), spheres=spheres
+    )
+    told = {
+        "strain": displacement,
+        "inertial_number": inertial_number,
+        "friction": friction,
+        "compaction_friction": compaction_friction,
+    }
+    run = _DirectShear(scene, box, Record(history_path, resume, told), progress, told)
+    run.run()
+    step = {"normal_stress": normal_stress, "time_step": time_step, "spheres": spheres, **told}
+    return Outcome(scene.packing().with_step("direct_shear", **step), run.history(), run.report(), snapshot(scene), {})
+
+
+class _DirectShear(Staged):
+    """Compression to rest, then shear."""
+
+    experiment = "direct_shear"
+    columns: ClassVar[Mapping[str, str]] = {
+        "time": "s",
+        "stage": "0 compression, 1 shear",
+        "displacement": "1",
+        "volumetric_strain": "1",
+        "normal_stress": "Pa",
+        "shear_stress": "Pa",
+        "normal_stress_contacts": "Pa",
+        "shear_stress_contacts": "Pa",
+        "friction": "1",
+        "solid_fraction": "1",
+        "coordination": "1",
+        "sliding_fraction": "1",
+        "kinetic_energy": "P d3",
+    }
+
+    def __init__(
+        self, scene: Scene, box: ShearBox, record: Record, tell: Tell | None, options: Mapping[str, Any]
+    ) -> None:
+        self.box = box
+        self._volume = float(volumes(scene.source.grains).sum()) / scene.units.length**3
+        super().__init__(scene, record, box.meter(scene.engine), tell, options)
+
+    def duration(self) -> float:
+        """Return how long [t] the shear takes."""
+        return super().duration() * self.box.length / self.box.height(self.scene.engine)
+
+    def drive(self) -> None:
+        """Push the lid, and drive the upper half once the bed is compressed."""
+        engine = self.scene.engine
+        if self.begun is None:
+            self.box.gather(self.meter, engine)
+            return
+        self.box.hold(self.meter, engine)
+        self.meter.drive("shear", self.rate * self.begun["height"] * self.ramp())
+
+    def measure(self) -> DirectShearSample:
+        """Return the present sample."""
+        engine, box, scales = self.scene.engine, self.box, self.scene.units
+        forces, now = self.meter.read(), snapshot(self.scene)
+        height, way = box.height(engine), engine.axle("shear")[0] / box.length
+        area = box.area * (1.0 - way)
+        lower, upper = ((box.split + side * BAND) * scales.length for side in (-1, 1))
+        inner = traction(now, axis=box.up, lower=lower, upper=upper, area=area * scales.length**2) / scales.stress
+        normal, shear = forces["lift"] / area, -forces["shear"] / area
+        return DirectShearSample(
+            time=engine.time,
+            stage=float(self.begun is not None),
+            displacement=way,
+            volumetric_strain=height / (self.begun["height"] if self.begun else height) - 1.0,
+            normal_stress=normal,
+            shear_stress=shear,
+            normal_stress_contacts=float(inner[box.up]),
+            shear_stress_contacts=float(-inner[0]),
+            friction=shear / normal if normal > 0 else 0.0,
+            solid_fraction=self._volume / (box.area * height),
+            coordination=coordination(now),
+            sliding_fraction=float(np.nan_to_num(sliding_fraction(now))),
+            kinetic_energy=self.kinetic_energy(now),
+        )
+
+    def outside(self) -> Floats:
+        """Return how far [d] each centroid is outside both halves, shape (n,)."""
+        positions, _ = self.scene.poses()
+        lower, upper = self.box.lower.copy(), self.box.upper.copy()
+        upper[0] += max(0.0, self.scene.engine.axle("shear")[0])
+        upper[self.box.up] = lower[self.box.up] + self.box.height(self.scene.engine)
+        return np.asarray(np.maximum(lower - positions, positions - upper)[:, : self.box.up + 1].max(axis=1))
+
+    def mark(self) -> dict[str, Any]:
+        """Return the height [d] of the bed as shear begins."""
+        return {"height": self.box.height(self.scene.engine)}
+
+    def strain_of(self, row: DirectShearSample) -> float:
+        """Return the way of the upper half."""
+        return row.displacement
+
+    def pressures_of(self, row: DirectShearSample) -> tuple[float, ...]:
+        """Return the stresses that must be one in a compressed bed."""
+        return row.normal_stress, row.normal_stress_contacts
+
+    def words(self, row: DirectShearSample) -> str:
+        """Return a few words on a sample of the shear."""
+        return f"displacement {row.displacement:.3f}, τ/σ {row.friction:.2f}, {row.volumetric_strain:+.3f}"
+
+    def in_si(self, row: DirectShearSample) -> DirectShearSample:
+        """Return a sample as it is stored."""
+        scales = self.scene.units
+        stresses = {name: value * scales.stress for name, value in row._asdict().items() if "_stress" in name}
+        return row._replace(time=row.time * scales.time, **stresses)
+
+    def report(self) -> DirectShearReport:
+        """Return what the shear measured."""
+        rows = [row for row in self.sheared() if row.displacement > 0]
+        normal, shear, inner_normal, inner_shear, ways = (
+            np.array([getattr(row, name) for row in rows])
+            for name in (
+                "normal_stress",
+                "shear_stress",
+                "normal_stress_contacts",
+                "shear_stress_contacts",
+                "displacement",
+            )
+        )
+        span, peak = highest(shear / normal, ways, PEAK_SPAN)
+        last = ways >= (1 - STEADY_SHARE) * ways[-1]
+        steady = float(shear[last].mean() / normal[last].mean())
+        steady_contacts = float(inner_shear[last].mean() / inner_normal[last].mean())
+        return DirectShearReport(
+            peak_friction=float(smooth(shear, span)[peak] / smooth(normal, span)[peak]),
+            steady_friction=steady,
+            steady_friction_contacts=steady_contacts,
+            mismatch=abs(steady_contacts / steady - 1),
+            peak_displacement=float(smooth(ways, span)[peak]),
+            dilation=rows[-1].volumetric_strain,
+            normal_stress=float((normal * (1 - ways)).mean() * self.scene.units.stress),
+            initial_solid_fraction=rows[0].solid_fraction,
+            final_solid_fraction=rows[-1].solid_fraction,
+            inertial_number=self.rate,
+            is_compressed=bool(self.begun and self.begun["is_at_rest"]),
+            time=self.time_in_si(),
+            n_steps=self.n_steps,
+            halvings=self.halvings,
+        )

@@ -1,0 +1,414 @@
+"""Ring shear: a rough lid, pressed onto a ring of grains, is turned as far as one likes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from exporters.mjcf import MjcfOptions, units
+from grainsdem.dynamics.experiments.cells import Annulus
+from grainsdem.dynamics.experiments.rig import (
+    JsonReport,
+    Outcome,
+    Staged,
+    assemble,
+    check_frictions,
+    check_ranges,
+    highest,
+    pressure_gravity,
+    smooth,
+)
+from grainsdem.dynamics.loop import Record
+from grainsdem.dynamics.mechanics import (
+    coordination,
+    sliding_fraction,
+    snapshot,
+    torque_through,
+    traction,
+    velocity_profile,
+)
+from grainsdem.geometry.integrals import volumes
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from grainsdem.dynamics.experiments.rig import Tell
+    from grainsdem.dynamics.mechanics import Snapshot
+    from grainsdem.dynamics.scene import Scene
+    from grainsdem.model import Packing
+
+    Floats = NDArray[np.float64]
+
+PEAK_SPAN = 0.2
+"""Shear strain over which stresses are averaged before their peak is looked for."""
+
+STEADY_SHARE = 0.5
+"""Last part of the strain that is averaged for the steady state."""
+
+LAYERS = 12
+"""Layers of the profile of velocity."""
+
+MIDDLE = 0.25, 0.75
+"""Heights, over that of the ring, between which the stress of the contacts is taken."""
+
+
+class RingSample(NamedTuple):
+    """One look at a ring shear test, in grain units.
+
+    Parameters
+    ----------
+    time : float
+        Simulated time [t].
+    stage : float
+        0 while the bed is compressed, 1 while it is sheared.
+    shear_strain : float
+        Way of the lid at the mean radius over the height at the beginning of shear.
+    volumetric_strain : float
+        Change of the height over that height, positive where the bed dilates.
+    normal_stress, shear_stress : float
+        Mean stresses on the lid since the last sample [P]; the shear stress is the one that, the same over the whole
+        ring, has the lid's torque.
+    normal_stress_contacts, shear_stress_contacts : float
+        The same from the contacts that cross the level planes of the middle half, at the instant [P].
+    friction : float
+        Shear stress over normal stress of the lid.
+    solid_fraction : float
+        Volume of the grains over that of the ring between the plates; of glued grains half is counted.
+    coordination : float
+        Mean number of loose grains that press on a loose grain.
+    sliding_fraction : float
+        Share of the contact points that slide.
+    kinetic_energy : float
+        Mean of a grain [P d³].
+    """
+
+    time: float
+    stage: float
+    shear_strain: float
+    volumetric_strain: float
+    normal_stress: float
+    shear_stress: float
+    normal_stress_contacts: float
+    shear_stress_contacts: float
+    friction: float
+    solid_fraction: float
+    coordination: float
+    sliding_fraction: float
+    kinetic_energy: float
+
+
+@dataclass(frozen=True, slots=True)
+class RingReport(JsonReport):
+    """What a ring shear test measured.
+
+    Parameters
+    ----------
+    peak_friction, steady_friction : float
+        τ/σ of the lid: the highest of the means over 0.2 of shear strain, and the mean over the last half of it.
+    steady_friction_contacts : float
+        The latter from the contacts of grains.
+    mismatch : float
+        Difference of the two, relative.
+    peak_strain : float
+        Shear strain at the peak.
+    dilation : float
+        Rise of the lid over the height at the beginning of shear, mean over the last half of the strain.
+    normal_stress : float
+        Mean on the lid over the shear [Pa].
+    half_height : float
+        Where grains go round half as fast as the lid in the last half of the strain: height above the floor over that
+        of the ring. 0.5 means that the shear is spread evenly, more that it is near the lid.
+    initial_solid_fraction, final_solid_fraction : float
+        When shear began, and the mean over the last half of the strain.
+    inertial_number : float
+        γ̇ d √(ρ/σ).
+    is_compressed : bool
+        Whether the bed was at rest when shear began.
+    time : float
+        Simulated time [s].
+    n_steps, halvings : int
+        Steps taken, and how often the time step was halved to keep the run stable.
+    """
+
+    peak_friction: float
+    steady_friction: float
+    steady_friction_contacts: float
+    mismatch: float
+    peak_strain: float
+    dilation: float
+    normal_stress: float
+    half_height: float
+    initial_solid_fraction: float
+    final_solid_fraction: float
+    inertial_number: float
+    is_compressed: bool
+    time: float
+    n_steps: int
+    halvings: int
+
+
+def ring_shear(
+    packing: Packing,
+    *,
+    normal_stress: float = 1e4,
+    strain: float = 2.0,
+    inertial_number: float = 1e-2,
+    friction: float = 0.5,
+    compaction_friction: float | None = None,
+    inner_radius: float | None = None,
+    outer_radius: float | None = None,
+    rng: np.random.Generator | int | None = None,
+    spheres: bool = False,
+    time_step: float = 0.01,
+    history_path: str | os.PathLike[str] | None = None,
+    resume: bool = False,
+    progress: Tell | None = None,
+) -> Outcome[RingReport]:
+    """Turn a rough lid on a ring of grains under a constant normal stress.
+
+    Parameters
+    ----------
+    packing : Packing
+        The grains; they are turned at random, reordered and set apart in the ring. The lowest and the topmost layer are
+        glued to floor and lid, and fixed.
+    normal_stress : float
+        On the lid [Pa].
+    strain : float
+        Shear strain to go to, of any size: the way of the lid at the mean radius over the height.
+    inertial_number : float
+        γ̇ d √(ρ/σ); below 1e-3 shear is quasi-static.
+    friction : float
+        Coefficient of friction among grains, and with the two plates; the walls within and around are smooth.
+    compaction_friction : float, optional
+        The same among grains while the bed is compressed: less makes a denser bed. As in shear by default.
+    inner_radius, outer_radius : float, optional
+        Radii of the ring [m]; by default such that it is about as high as it is wide.
+    rng : numpy.random.Generator, int or None
+        Source of randomness, or a seed for one.
+    spheres : bool
+        Whether each grain is replaced by the sphere of equal volume.
+    time_step : float
+        Time step in units of d √(ρ/σ).
+    history_path, resume, progress
+        As for `triaxial`.
+
+    Returns
+    -------
+    Outcome
+        Packing, history, `RingReport`, snapshot, and the ``profile`` of the last half of the strain: ``height`` over
+        that of the ring, and ``velocity`` of the grains around the axis over the lid's.
+
+    Raises
+    ------
+    InputError
+        If an option is out of range, there are too few grains for the ring, or the packing is planar.
+    UnstableError
+        If the run goes wrong and three smaller time steps do not help.
+    """
+    check_ranges(normal_stress=normal_stress, strain=strain, inertial_number=inertial_number, time_step=time_step)
+    check_frictions(friction=friction, compaction_friction=compaction_friction)
+    annulus = Annulus(packing, inner_radius, outer_radius, rng=rng)
+    options = MjcfOptions(
+        friction=friction,
+        wall_friction=0.0,
+        gravity=pressure_gravity(packing, normal_stress),
+        time_step=time_step,
+    )
+    scales = units(annulus.packing, options.gravity)
+    scene = assemble(
+        annulus.packing,
+        options,
+        lambda apparatus: annulus.furnish(apparatus, scales, friction=friction),
+        spheres=spheres,
+    )
+    told = {
+        "strain": strain,
+        "inertial_number": inertial_number,
+        "friction": friction,
+        "compaction_friction": compaction_friction,
+    }
+    run = _Ring(scene, annulus, Record(history_path, resume, told), progress, told)
+    run.run()
+    step = {"normal_stress": normal_stress, "time_step": time_step, "spheres": spheres, **told}
+    return Outcome(
+        scene.packing().with_step("ring_shear", **step), run.history(), run.report(), snapshot(scene), run.profile()
+    )
+
+
+class _Ring(Staged):
+    """Compression to rest, then shear."""
+
+    experiment = "ring_shear"
+    columns: ClassVar[Mapping[str, str]] = {
+        "time": "s",
+        "stage": "0 compression, 1 shear",
+        "shear_strain": "1",
+        "volumetric_strain": "1",
+        "normal_stress": "Pa",
+        "shear_stress": "Pa",
+        "normal_stress_contacts": "Pa",
+        "shear_stress_contacts": "Pa",
+        "friction": "1",
+        "solid_fraction": "1",
+        "coordination": "1",
+        "sliding_fraction": "1",
+        "kinetic_energy": "P d3",
+    }
+
+    def __init__(
+        self, scene: Scene, annulus: Annulus, record: Record, tell: Tell | None, options: Mapping[str, Any]
+    ) -> None:
+        self.annulus = annulus
+        sizes = volumes(scene.source.grains) / scene.units.length**3
+        self._volume = float(sizes.sum() - 0.5 * sizes[: 2 * annulus.n_glued].sum())
+        self._speeds = np.zeros(LAYERS)
+        self._counts = np.zeros(LAYERS)
+        super().__init__(scene, record, annulus.meter(scene.engine), tell, options)
+
+    def drive(self) -> None:
+        """Push the lid, and turn it once the bed is compressed."""
+        engine = self.scene.engine
+        if self.begun is None:
+            self.annulus.gather(self.meter, engine)
+            return
+        self.annulus.hold(self.meter, engine)
+        self.meter.drive("turn", self.rate * self.begun["height"] / self.annulus.mean_radius * self.ramp())
+
+    def measure(self) -> RingSample:
+        """Return the present sample."""
+        engine, ring, scales = self.scene.engine, self.annulus, self.scene.units
+        forces, now = self.meter.read(), snapshot(self.scene)
+        height = ring.height(engine)
+        first = self.begun["height"] if self.begun else height
+        normal, shear = forces["lift"] / ring.area, ring.shear_stress(-forces["turn"])
+        lower, upper = ((ring.floor + share * height) * scales.length for share in MIDDLE)
+        torque = -torque_through(now, lower=lower, upper=upper) / scales.energy
+        pressing = traction(now, axis=2, lower=lower, upper=upper, area=ring.area * scales.length**2)[2]
+        if self.begun:
+            self._watch(now, height)
+        return RingSample(
+            time=engine.time,
+            stage=float(self.begun is not None),
+            shear_strain=engine.axle("turn")[0] * ring.mean_radius / first,
+            volumetric_strain=height / first - 1.0,
+            normal_stress=normal,
+            shear_stress=shear,
+            normal_stress_contacts=float(pressing / scales.stress),
+            shear_stress_contacts=ring.shear_stress(torque),
+            friction=shear / normal if normal > 0 else 0.0,
+            solid_fraction=self._volume / (ring.area * height),
+            coordination=coordination(now) * len(now.is_glued) / float((~now.is_glued).sum()),
+            sliding_fraction=float(np.nan_to_num(sliding_fraction(now))),
+            kinetic_energy=self.kinetic_energy(now),
+        )
+
+    def _watch(self, now: Snapshot, height: float) -> None:
+        """Count the present velocities in the profile, once the last half of the strain has begun."""
+        engine, ring, scales = self.scene.engine, self.annulus, self.scene.units
+        angle, speed = engine.axle("turn")
+        if not self.begun or angle * ring.mean_radius / self.begun["height"] < (1 - STEADY_SHARE) * self.strain:
+            return
+        x, y = now.packing.positions[:, :2].T
+        around = np.column_stack([-y, x, np.zeros(len(x))]) / (x**2 + y**2)[:, None]
+        edges = (ring.floor + np.linspace(0.0, 1.0, LAYERS + 1) * height) * scales.length
+        _, turning = velocity_profile(now, along=around, edges=edges)
+        seen = np.isfinite(turning)
+        self._speeds[seen] += turning[seen] * scales.time / speed
+        self._counts[seen] += 1
+
+    def outside(self) -> Floats:
+        """Return how far [d] each centroid is outside the ring, shape (n,)."""
+        positions, _ = self.scene.poses()
+        radii, heights = np.hypot(positions[:, 0], positions[:, 1]), positions[:, 2] - self.annulus.floor
+        across = np.maximum(self.annulus.inner - radii, radii - self.annulus.outer)
+        return np.asarray(np.maximum(across, np.maximum(-heights, heights - self.annulus.height(self.scene.engine))))
+
+    def mark(self) -> dict[str, Any]:
+        """Return the height [d] of the ring as shear begins."""
+        return {"height": self.annulus.height(self.scene.engine)}
+
+    def strain_of(self, row: RingSample) -> float:
+        """Return the shear strain."""
+        return row.shear_strain
+
+    def pressures_of(self, row: RingSample) -> tuple[float, ...]:
+        """Return the stresses that must be one in a compressed bed."""
+        return row.normal_stress, row.normal_stress_contacts
+
+    def words(self, row: RingSample) -> str:
+        """Return a few words on a sample of the shear."""
+        return f"strain {row.shear_strain:.2f}, τ/σ {row.friction:.2f}, {row.volumetric_strain:+.3f}"
+
+    def memory(self) -> dict[str, Any]:
+        """Return what the run remembers besides state and samples, as JSON values."""
+        return {**super().memory(), "speeds": self._speeds.tolist(), "counts": self._counts.tolist()}
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Take back what `memory` gave."""
+        super().recall(memory)
+        self._speeds, self._counts = np.array(memory["speeds"]), np.array(memory["counts"])
+
+    def in_si(self, row: RingSample) -> RingSample:
+        """Return a sample as it is stored."""
+        scales = self.scene.units
+        stresses = {name: value * scales.stress for name, value in row._asdict().items() if "_stress" in name}
+        return row._replace(time=row.time * scales.time, **stresses)
+
+    def profile(self) -> dict[str, Floats]:
+        """Return the profile of the velocity around the axis; layers that no grain was in are left out."""
+        seen = self._counts > 0
+        heights = (np.arange(LAYERS) + 0.5) / LAYERS
+        return {"height": heights[seen], "velocity": self._speeds[seen] / self._counts[seen]}
+
+    def report(self) -> RingReport:
+        """Return what the shear measured."""
+        rows = [row for row in self.sheared() if row.shear_strain > 0]
+        normal, shear, inner_normal, inner_shear, strains, dilation, fractions = (
+            np.array([getattr(row, name) for row in rows])
+            for name in (
+                "normal_stress",
+                "shear_stress",
+                "normal_stress_contacts",
+                "shear_stress_contacts",
+                "shear_strain",
+                "volumetric_strain",
+                "solid_fraction",
+            )
+        )
+        span, peak = highest(shear / normal, strains, PEAK_SPAN)
+        last = strains >= (1 - STEADY_SHARE) * strains[-1]
+        steady = float(shear[last].mean() / normal[last].mean())
+        steady_contacts = float(inner_shear[last].mean() / inner_normal[last].mean())
+        profile = self.profile()
+        return RingReport(
+            peak_friction=float(smooth(shear, span)[peak] / smooth(normal, span)[peak]),
+            steady_friction=steady,
+            steady_friction_contacts=steady_contacts,
+            mismatch=abs(steady_contacts / steady - 1),
+            peak_strain=float(smooth(strains, span)[peak]),
+            dilation=float(dilation[last].mean()),
+            normal_stress=float(normal.mean() * self.scene.units.stress),
+            half_height=_crossing(profile["height"], profile["velocity"], 0.5),
+            initial_solid_fraction=rows[0].solid_fraction,
+            final_solid_fraction=float(fractions[last].mean()),
+            inertial_number=self.rate,
+            is_compressed=bool(self.begun and self.begun["is_at_rest"]),
+            time=self.time_in_si(),
+            n_steps=self.n_steps,
+            halvings=self.halvings,
+        )
+
+
+def _crossing(heights: Floats, values: Floats, level: float) -> float:
+    """Return the height above which a profile stays over a level, between the layers; NaN where it never does."""
+    below = np.flatnonzero(values < level)
+    if not below.size or below[-1] == len(values) - 1:
+        return float("nan")
+    k = below[-1]
+    share = (level - values[k]) / (values[k + 1] - values[k])
+    return float(heights[k] + share * (heights[k + 1] - heights[k]))

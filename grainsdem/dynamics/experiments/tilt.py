@@ -1,0 +1,261 @@
+"""Tilt: gravity is turned slowly, as if the box were tilted, until the bed fails."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from exporters.mjcf import MjcfOptions
+from grainsdem.dynamics.experiments.resting import Resting, pour
+from grainsdem.dynamics.experiments.rig import JsonReport, Outcome, assemble, check_frictions, check_ranges
+from grainsdem.dynamics.loop import Record
+from grainsdem.dynamics.mechanics import snapshot
+from grainsdem.errors import InputError
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from grainsdem.dynamics.experiments.rig import Tell
+    from grainsdem.dynamics.scene import Scene
+    from grainsdem.model import Packing
+
+    Floats = NDArray[np.float64]
+
+FAR = 1.0
+"""How far [d] a grain has moved that counts as gone."""
+
+FAILED = 0.05
+"""Share of the grains that are gone where a bed has failed."""
+
+MOVING = 1e-3
+"""Mean kinetic energy [m g d] of a bed that moves: it is not tilted further until it rests or has failed."""
+
+
+class TiltSample(NamedTuple):
+    """One look at a bed that is tilted, in grain units.
+
+    Parameters
+    ----------
+    time : float
+        Simulated time [t].
+    stage : float
+        0 while level, 1 while gravity turns.
+    angle : float
+        Between gravity and the floor's normal [rad].
+    kinetic_energy : float
+        Mean of the grains that touch another one [m g d].
+    displacement : float
+        Mean way of the grains since the tilting began, downhill [d].
+    gone_fraction : float
+        Share of the grains that have moved by more than a diameter since then.
+    """
+
+    time: float
+    stage: float
+    angle: float
+    kinetic_energy: float
+    displacement: float
+    gone_fraction: float
+
+
+@dataclass(frozen=True, slots=True)
+class TiltReport(JsonReport):
+    """At what angle a bed failed.
+
+    Parameters
+    ----------
+    failure_angle : float
+        Angle [rad] at which a twentieth of the grains had moved by more than a diameter; NaN where they had not.
+    has_failed : bool
+        Whether they had.
+    largest_angle : float
+        Angle [rad] that was reached.
+    gone_fraction : float
+        Share of the grains that had moved by more than a diameter at the end.
+    is_settled : bool
+        Whether the bed was at rest when the tilting began.
+    time : float
+        Simulated time [s].
+    n_steps, halvings : int
+        Steps taken, and how often the time step was halved to keep the run stable.
+    """
+
+    failure_angle: float
+    has_failed: bool
+    largest_angle: float
+    gone_fraction: float
+    is_settled: bool
+    time: float
+    n_steps: int
+    halvings: int
+
+
+def tilt(
+    packing: Packing,
+    *,
+    friction: float = 0.5,
+    wall_friction: float | None = None,
+    gravity: float = 9.81,
+    rate: float = 0.01,
+    max_angle: float = np.pi / 3,
+    rng: np.random.Generator | int | None = None,
+    spheres: bool = False,
+    time_step: float = 0.01,
+    history_path: str | os.PathLike[str] | None = None,
+    resume: bool = False,
+    progress: Tell | None = None,
+) -> Outcome[TiltReport]:
+    """Turn gravity slowly towards +x until the bed fails.
+
+    Parameters
+    ----------
+    packing : Packing
+        The bed, in a container that stays around it; `settle` it first, or give ``rng``.
+    friction : float
+        Coefficient of friction among grains.
+    wall_friction : float, optional
+        The same with floor and walls; as among grains by default.
+    gravity : float
+        Acceleration [m/s²].
+    rate : float
+        Angle [rad] by which gravity is turned in √(d/g).
+    max_angle : float
+        Angle [rad] at which a bed that stands is given up.
+    rng : numpy.random.Generator, int or None
+        Where given, grains are first turned at random, reordered and poured between the walls; it is the seed.
+    spheres : bool
+        Whether each grain is replaced by the sphere of equal volume.
+    time_step : float
+        Time step in units of √(d/g).
+    history_path, resume, progress
+        As for `triaxial`.
+
+    Returns
+    -------
+    Outcome
+        Packing, history, `TiltReport`, snapshot.
+
+    Raises
+    ------
+    InputError
+        If an option is out of range, or the packing is periodic or overlaps.
+    UnstableError
+        If the run goes wrong and three smaller time steps do not help.
+
+    Notes
+    -----
+    A bed has failed where a twentieth of its grains are more than a diameter from where they were before it was tilted.
+    While the mean kinetic energy is above 1e-3 m g d gravity stands still, so that an avalanche ends, or fails the bed,
+    at the angle at which it began.
+    """
+    check_ranges(gravity=gravity, rate=rate, max_angle=max_angle, time_step=time_step)
+    check_frictions(friction=friction, wall_friction=wall_friction)
+    if max_angle > np.pi / 2:
+        raise InputError(f"max_angle must be at most π/2; got {max_angle}")
+    start = pour(packing, rng)
+    options = MjcfOptions(friction=friction, wall_friction=wall_friction, gravity=gravity, time_step=time_step)
+    scene = assemble(start, options, lambda _apparatus: None, spheres=spheres)
+    told = {"friction": friction, "wall_friction": wall_friction, "rate": rate, "max_angle": max_angle}
+    run = _Tilt(scene, Record(history_path, resume, told), progress, rate, max_angle)
+    run.run()
+    step = {"gravity": gravity, "time_step": time_step, "spheres": spheres, **told}
+    return Outcome(scene.packing().with_step("tilt", **step), run.history(), run.report(), snapshot(scene), {})
+
+
+class _Tilt(Resting):
+    """A bed that comes to rest level, and is then tilted."""
+
+    experiment = "tilt"
+    columns: ClassVar[Mapping[str, str]] = {
+        "time": "s",
+        "stage": "0 level, 1 tilted",
+        "angle": "rad",
+        "kinetic_energy": "m g d",
+        "displacement": "m",
+        "gone_fraction": "1",
+    }
+
+    def __init__(self, scene: Scene, record: Record, tell: Tell | None, rate: float, max_angle: float) -> None:
+        super().__init__(scene, record, tell, np.inf)
+        self.rate, self.max_angle = rate, max_angle
+        self.angle = 0.0
+
+    def act(self) -> None:
+        """Let gravity have its present angle."""
+        down = np.zeros(3)
+        down[0], down[self.scene.up] = np.sin(self.angle), -np.cos(self.angle)
+        self.scene.engine.set_gravity(down)
+
+    def mark(self, now: TiltSample) -> dict[str, Any]:
+        """Return where the grains are."""
+        del now
+        return {"positions": self.scene.poses()[0].tolist()}
+
+    def measure(self) -> TiltSample:
+        """Return the present sample."""
+        now = snapshot(self.scene)
+        moved = np.zeros((self.scene.n_grains, 3))
+        if self.begun:
+            moved = self.scene.poses()[0] - np.array(self.begun["positions"])
+        return TiltSample(
+            time=self.scene.engine.time,
+            stage=float(self.begun is not None),
+            angle=self.angle,
+            kinetic_energy=self.touching_energy(now),
+            displacement=float(moved[:, 0].mean()),
+            gone_fraction=float(np.mean(np.linalg.norm(moved, axis=1) > FAR)),
+        )
+
+    def is_over(self) -> bool:
+        """Return whether the bed has failed, or is tilted as far as it may be."""
+        last = self.samples[-1]
+        return self.begun is not None and (last.gone_fraction > FAILED or self.angle >= self.max_angle)
+
+    def keep(self, now: TiltSample) -> None:
+        """Turn gravity a little further where the bed does not move."""
+        if self.begun is not None and now.kinetic_energy < MOVING:
+            self.angle += self.rate * self.sample_time
+            self.act()
+        super().keep(now)
+
+    def share_done(self, now: TiltSample) -> float:
+        """Return the share of the largest angle; a bed may fail long before."""
+        return now.angle / self.max_angle
+
+    def words(self, now: TiltSample) -> str:
+        """Return a few words on a sample of the tilting."""
+        return f"{np.degrees(now.angle):.1f}°, {now.gone_fraction:.1%} of the grains moved"
+
+    def memory(self) -> dict[str, Any]:
+        """Return what the run remembers besides state and samples, as JSON values."""
+        return {**super().memory(), "angle": self.angle}
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Take back what `memory` gave."""
+        self.angle = memory["angle"]
+        super().recall(memory)
+
+    def in_si(self, row: TiltSample) -> TiltSample:
+        """Return a sample as it is stored."""
+        scales = self.scene.units
+        return row._replace(time=row.time * scales.time, displacement=row.displacement * scales.length)
+
+    def report(self) -> TiltReport:
+        """Return at what angle the bed failed."""
+        last = self.samples[-1]
+        has_failed = last.gone_fraction > FAILED
+        return TiltReport(
+            failure_angle=last.angle if has_failed else float("nan"),
+            has_failed=has_failed,
+            largest_angle=last.angle,
+            gone_fraction=last.gone_fraction,
+            is_settled=bool(self.begun and self.begun["is_at_rest"]),
+            time=self.time_in_si(),
+            n_steps=self.n_steps,
+            halvings=self.halvings,
+        )
