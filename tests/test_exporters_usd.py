@@ -12,11 +12,13 @@ import pytest
 import exporters
 from exporters.units import units
 from exporters.usd import UsdOptions
-from grainsdem.errors import InputError
+from exporters.usd.replay import write_replay
+from grainsdem.errors import FileFormatError, InputError, MissingFileError, ShapeError, WriteError
 from grainsdem.geometry.integrals import face_planes, integrate
 from grainsdem.geometry.rotations import random_quaternions, to_matrices, world_vertices
 from grainsdem.model import Domain, Packing, Polyhedra
 from grainsdem.packing import rescale
+from grainsdem.validation import compare
 
 DIAMETERS = [0.2e-3, 1e-3, 0.1]
 
@@ -288,6 +290,96 @@ def test_options_out_of_range_are_refused(option):
         UsdOptions(**{option: -1.0})
     with pytest.raises(InputError, match="walls must be one of box, floor, none; got 'lid'"):
         UsdOptions(walls="lid")
+
+
+@pytest.mark.client
+@pytest.mark.parametrize("units_of_stage", ["si", "mm", "grain", 0.5])
+def test_a_stage_in_other_units_is_the_same_bed_in_si(tilted, tmp_path, units_of_stage):
+    from pxr import Usd, UsdGeom, UsdPhysics
+
+    exporters.write(tilted, tmp_path / "bed.usdc", units=units_of_stage)
+    packing = exporters.read(tmp_path / "bed.usdc")
+    assert all(check.ok for check in compare(packing, tilted, tolerance=1e-5))
+    np.testing.assert_allclose(packing.densities, tilted.densities, rtol=1e-5)
+    np.testing.assert_allclose(packing.domain.upper, tilted.domain.upper, rtol=1e-12)
+    stage = opened(tmp_path / "bed.usdc")
+    length = {"si": 1.0, "mm": 1e-3, "grain": units(tilted).length}.get(units_of_stage, units_of_stage)
+    assert UsdGeom.GetStageMetersPerUnit(stage) == length
+    gravity = UsdPhysics.Scene.Get(stage, "/World/PhysicsScene").GetGravityMagnitudeAttr().Get()
+    assert gravity * length == pytest.approx(9.81)
+    box = UsdGeom.BBoxCache(Usd.TimeCode.Default(), ["default"])
+    floor = box.ComputeWorldBound(stage.GetPrimAtPath("/World/Container/floor")).ComputeAlignedRange()
+    assert floor.GetMax()[2] == pytest.approx(0.0, abs=1e-6)
+    assert floor.GetMin()[2] * length == pytest.approx(-2 * units(tilted).length, rel=1e-6)
+    unit_mass = UsdPhysics.GetStageKilogramsPerUnit(stage)
+    moments = np.array([
+        UsdPhysics.MassAPI(prim).GetDiagonalInertiaAttr().Get() for prim in grain_prims(stage)
+    ])  # fmt: skip
+    traces = np.trace(integrate(tilted.grains).inertias, axis1=1, axis2=2) * tilted.densities
+    np.testing.assert_allclose(moments.sum(axis=1) * unit_mass * length**2, traces, rtol=1e-5)
+
+
+@pytest.fixture
+def motion(tilted):
+    """Five poses of every grain, a tenth of a second apart, whose quaternions change their sign."""
+    rng = np.random.default_rng(1)
+    steps = rng.normal(size=(5, len(tilted), 3)) * 1e-4
+    turns = np.stack([random_quaternions(len(tilted), rng) for _ in range(5)])
+    return tilted.positions + np.cumsum(steps, axis=0), turns, 2.0 + 0.1 * np.arange(5)
+
+
+@pytest.mark.client
+@pytest.mark.parametrize("units_of_stage", ["si", "grain"])
+def test_a_replay_puts_every_grain_where_it_was_recorded(tilted, motion, tmp_path, units_of_stage):
+    from pxr import Usd, UsdGeom, UsdPhysics, UsdValidation
+
+    [scene] = exporters.write(tilted, tmp_path / "bed.usdc", units=units_of_stage)
+    positions, turns, times = motion
+    path = write_replay(scene, positions, turns, times)
+    assert path == tmp_path / "bed.replay.usdc"
+    stage = opened(path)
+    assert (stage.GetStartTimeCode(), stage.GetEndTimeCode()) == (0.0, pytest.approx(4.0))
+    assert stage.GetTimeCodesPerSecond() == pytest.approx(10.0)
+    length = UsdGeom.GetStageMetersPerUnit(stage)
+    for k in range(5):
+        cache = UsdGeom.XformCache(Usd.TimeCode(float(k)))
+        for i, prim in enumerate(grain_prims(stage)):
+            pose = cache.GetLocalToWorldTransform(prim)
+            assert np.allclose(np.array(pose.ExtractTranslation()) * length, positions[k, i], rtol=0, atol=1e-12)
+            q = pose.ExtractRotationQuat()
+            theirs = np.array([q.GetReal(), *q.GetImaginary()])
+            assert abs(theirs @ turns[k, i]) == pytest.approx(1.0, abs=1e-9)
+    body = grain_prims(stage)[0]
+    assert UsdPhysics.RigidBodyAPI(body).GetKinematicEnabledAttr().Get() is True
+    assert UsdPhysics.MassAPI(body).GetMassAttr().Get() > 0
+    samples = [body.GetAttribute("xformOp:orient").Get(float(k)) for k in range(5)]
+    four = np.array([[q.GetReal(), *q.GetImaginary()] for q in samples])
+    assert np.all(np.einsum("ij,ij->i", four[1:], four[:-1]) >= 0)
+    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
+    errors = UsdValidation.ValidationContext(validators).Validate(stage)
+    assert [error.GetErrorAsString() for error in errors] == []
+
+
+@pytest.mark.unit
+def test_a_record_of_other_grains_or_times_is_refused(tilted, motion, tmp_path):
+    [scene] = exporters.write(tilted, tmp_path / "bed.usda")
+    positions, turns, times = motion
+    n = len(tilted)
+    with pytest.raises(ShapeError, match=rf"shape \(5, {n}, 3\) .* got \(5, {n - 1}, 3\)"):
+        write_replay(scene, positions[:, 1:], turns, times)
+    with pytest.raises(ShapeError, match=r"times must grow; got 2\.1 and then 2\.0"):
+        write_replay(scene, positions, turns, times[[0, 1, 0, 2, 3]])
+    with pytest.raises(ShapeError, match="must be finite"):
+        write_replay(scene, positions * np.nan, turns, times)
+    with pytest.raises(MissingFileError, match="no such file"):
+        write_replay(tmp_path / "none.usdc", positions, turns, times)
+    (tmp_path / "empty.usda").write_text("#usda 1.0\n")
+    with pytest.raises(FileFormatError, match="holds no grains below"):
+        write_replay(tmp_path / "empty.usda", positions, turns, times)
+    (tmp_path / "bed.replay.usdc").write_text("mine")
+    with pytest.raises(WriteError, match="exists already"):
+        write_replay(scene, positions, turns, times, overwrite=False)
+    assert (tmp_path / "bed.replay.usdc").read_text() == "mine"
 
 
 @pytest.mark.unit

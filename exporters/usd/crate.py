@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 # Numbers of types, of sorts of specs and of the parts of a list operation.
-_TOKEN, _TOKEN_LIST, _PATH_LIST, _TOKENS, _SPECIFIER, _VARIABILITY, _STRINGS = 11, 32, 34, 41, 42, 44, 50
+_TOKEN, _TOKEN_LIST, _PATH_LIST, _TOKENS, _SPECIFIER, _VARIABILITY, _OFFSETS, _STRINGS = 11, 32, 34, 41, 42, 44, 49, 50
 _ATTRIBUTE, _PRIM, _ROOT, _RELATIONSHIP = 1, 6, 7, 8
 _EXPLICIT, _PREPENDED = 3, 32
 
@@ -31,10 +31,13 @@ def crate(root: Prim, metadata: dict[str, Any]) -> Iterator[bytes]:
     root : Prim
         The one prim at the top.
     metadata : dict
-        What the layer says of itself: name to `Attribute`, a dictionary of those, or a list of words.
+        What the layer says of itself: name to `Attribute`, a dictionary of those, or a list of words, which only ``subLayers`` is.
     """
     tables = Tables()
     fields = [tables.field(name, _metadatum(tables, value)) for name, value in metadata.items()]
+    if "subLayers" in metadata:
+        offsets = struct.pack("<Q", len(metadata["subLayers"])) + struct.pack("<2d", 0, 1) * len(metadata["subLayers"])
+        fields.append(tables.field("subLayerOffsets", rep(_OFFSETS, tables.place(offsets))))
     fields.append(tables.field("primChildren", rep(_TOKENS, tables.place(tables.indices([root.name])))))
     tables.rows.append(Row(tables.token(""), -1, _ROOT, tuple(fields)))
     tables.paths["/"] = 0

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 KINDS: dict[str, tuple[int, str, int]] = {
+    "bool": (1, "<u4", 1),
     "int": (3, "<i4", 1),
     "float": (8, "<f4", 1),
     "double": (9, "<f8", 1),
