@@ -1,6 +1,9 @@
 from __future__ import annotations
 
 import json
+import re
+import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -231,3 +234,13 @@ def test_a_mistaken_unit_is_told_before_anything_is_grown(side, words):
 def test_law_that_reaches_below_zero_is_refused():
     with pytest.raises(InputError, match="diameters must be positive"):
         grown(grains={"scale": 0.8, "sizes": {"law": "norm"}})
+
+
+def test_the_recipes_of_the_documentation_can_be_read():
+    page = (Path(__file__).parent.parent / "docs" / "recipes.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"(?:^ {4}.*\n|^\n)+", page, re.MULTILINE)
+    texts = [re.sub("^ {4}", "", block, flags=re.MULTILINE) for block in blocks if block.strip()]
+    whole, sizes, survey = texts
+    assert recipes.parse(whole).is_count_open
+    assert recipes.parse(f"{whole}\n{sizes}".replace("mean_diameter = 0.5e-3", "")).grains.sizes.law == "lognorm"
+    assert tomllib.loads(survey)["survey"]["repeats"] == 3
