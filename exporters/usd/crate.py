@@ -31,7 +31,7 @@ def crate(root: Prim, metadata: dict[str, Any]) -> Iterator[bytes]:
     root : Prim
         The one prim at the top.
     metadata : dict
-        What the layer says of itself: name to `Attribute`, a dictionary of those, or a list of words, which only ``subLayers`` is.
+        What the layer says of itself: name to `Attribute` or a dictionary of those; ``subLayers`` is a list of words.
     """
     tables = Tables()
     fields = [tables.field(name, _metadatum(tables, value)) for name, value in metadata.items()]
