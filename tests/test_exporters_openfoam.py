@@ -277,3 +277,14 @@ def test_openfoam_runs_the_case_as_it_stands_and_finds_the_permeability_of_kozen
     assert found.is_steady
     assert 0.5 < found.permeability / found.kozeny_carman < 2
     assert found.reynolds < 0.1
+
+
+@pytest.mark.client
+def test_a_mesh_too_coarse_for_the_throats_is_told(program, tmp_path):
+    program("simpleFoam", "openfoam")
+    domain = Domain.cube(6.3e-3)
+    bed = carve(tessellate(relax(poisson(domain, 250, rng=3), domain, iterations=3), domain))
+    exporters.write(shrink(bed, porosity=0.4), tmp_path, formats="openfoam", cells=8)
+    result = subprocess.run(["./Allrun"], cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True, check=False)
+    assert result.returncode == 1
+    assert "The mesh reaches no inlet: it is too coarse for the throats" in result.stderr

@@ -321,6 +321,14 @@ else
 fi
 run snappyHexMesh -overwrite
 run checkMesh
+for patch in inlet outlet; do
+    # Too coarse a mesh closes the throats between grains: what is left around the point is a pocket.
+    if ! grep -q "^ *$patch\\$" constant/polyMesh/boundary; then
+        echo "The mesh reaches no $patch: it is too coarse for the throats." >&2
+        echo "Export the case with more cells, or with a level above 0." >&2
+        exit 1
+    fi
+done
 cp -r 0.orig 0
 if [ "$n" -gt 1 ]; then
     sed -i "s/^numberOfSubdomains .*/numberOfSubdomains $n;/" system/decomposeParDict
