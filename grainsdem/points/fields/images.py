@@ -9,6 +9,7 @@ References
 from __future__ import annotations
 
 import os
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -19,6 +20,8 @@ from grainsdem.points.fields.density import from_density
 from grainsdem.points.fields.tones import low_passed, spread, tone
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import ArrayLike, NDArray
 
     from grainsdem.model import Domain
@@ -176,19 +179,26 @@ def _read(path: str | os.PathLike[str]) -> NDArray[Any]:
     except ImportError as error:
         raise MissingPackageError("reading images needs Pillow: pip install 'grainsdem[images]'") from error
     try:
-        with Image.open(path) as file:
-            pages = getattr(file, "n_frames", 1)
-            if pages != 1:
-                raise FileFormatError(f"{path}: an image has one page; got {pages}; a stack is read from .npy")
-            upright = ImageOps.exif_transpose(file)
-            if upright.mode in ("L", "F") or upright.mode.startswith("I"):
-                return np.asarray(upright, dtype=np.float64)
-            is_clear = upright.mode in ("LA", "PA", "RGBA") or "transparency" in upright.info
-            return np.asarray(upright.convert("RGBA" if is_clear else "RGB"), dtype=np.float64) / 255
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
-        if isinstance(error, FileFormatError):
-            raise
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # of damage, which is told as an error
+            return _pixels(Image.open(path), ImageOps.exif_transpose)
+    except FileFormatError as error:
+        raise FileFormatError(f"{path}: {error}") from error
+    except Exception as error:  # what decoders raise at damage is each one's own
         raise FileFormatError(f"{path}: cannot be read as an image: {error}") from error
+
+
+def _pixels(opened: Any, upright: Callable[[Any], Any]) -> NDArray[np.float64]:
+    """Return the values of an opened file's pixels: grey as they are, colours between 0 and 1."""
+    with opened:
+        pages = getattr(opened, "n_frames", 1)
+        if pages != 1:
+            raise FileFormatError(f"an image has one page; got {pages} (a stack is read from .npy)")
+        turned = upright(opened)
+        if turned.mode in ("L", "F") or turned.mode.startswith("I"):
+            return np.asarray(turned, dtype=np.float64)
+        is_clear = turned.mode in ("LA", "PA", "RGBA") or "transparency" in turned.info
+        return np.asarray(turned.convert("RGBA" if is_clear else "RGB"), dtype=np.float64) / 255
 
 
 def _grey(pixels: ArrayLike) -> NDArray[np.float64]:
