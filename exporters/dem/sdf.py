@@ -47,7 +47,7 @@ _HEADER = Template("""\
 _WALL = """\
         <collision name="%s">
           <pose>%s</pose>
-          <geometry><plane><normal>0 0 1</normal><size>%s</size></plane></geometry>
+          <geometry><box><size>%s</size></box></geometry>
           %s
         </collision>
 """
@@ -108,7 +108,7 @@ class SdfOptions:
     time_step : float
         Time step in units of √(d/g), d being the median diameter.
     walls : {"box", "floor", "none"}
-        Container from the packing's domain, of planes without end. There is no lid.
+        Container from the packing's domain. There is no lid.
 
     Raises
     ------
@@ -138,6 +138,8 @@ Options = SdfOptions
 
 LOSES = (
     "Polygons are cut into triangles, and vertices have nine significant digits.",
+    "Drake takes gravity for 9.81 along -z and the time step from its caller, whatever the file says.",
+    "PyBullet puts inertias of its own in place of the file's, and a margin around every shape.",
     "Periodic axes become walls.",
 )
 """What the format does not carry."""
@@ -193,25 +195,25 @@ def _world(packing: Packing, sizes: Bodies, scales: GrainUnits, *, options: SdfO
         gravity=rows_of_text(options.gravity / scales.acceleration * down(packing), [3])[0],
         time_step=f"{options.time_step * np.sqrt(d / options.gravity) / scales.time:.9g}",
     ).encode()
-    yield _container(walls(packing, world, options.walls), scales, surface).encode()
+    yield _container(walls(packing, world, options.walls), 2 * d, scales, surface).encode()
     for block in blocks(len(packing)):
         yield _models(packing, sizes, scales, block, surface=surface, folder=f"{name}-meshes").encode()
     yield b"  </world>\n</sdf>\n"
 
 
-def _container(container: Walls, scales: GrainUnits, surface: str) -> str:
-    """Return the static model of the walls."""
+def _container(container: Walls, thickness: float, scales: GrainUnits, surface: str) -> str:
+    """Return the static model of the walls: boxes behind them, since many planes beside many bodies break Drake."""
     if not container.names:
         return ""
+    middles = container.centres - thickness / 2 * container.normals
     rows = zip(
         container.names,
-        _poses(container.centres / scales.length, container.quaternions),
-        table_of_text(2 * container.halves / scales.length),
+        _poses(middles / scales.length, container.quaternions),
+        table_of_text(np.pad(2 * container.halves, ((0, 0), (0, 1)), constant_values=thickness) / scales.length),
         [surface] * len(container.names),
         strict=True,
     )
-    planes = "".join([_WALL % row for row in rows])
-    return _CONTAINER % planes
+    return _CONTAINER % "".join([_WALL % row for row in rows])
 
 
 def _models(packing: Packing, sizes: Bodies, scales: GrainUnits, block: slice, *, surface: str, folder: str) -> str:
