@@ -1,8 +1,8 @@
 """Figure 15 of Buscombe and Rubin (2012): the scale F at which a bed's void ratio fits the shape of its grains.
 
 Natural sands have the void ratio e = 1.6 - 0.86 S in their loosest state, S the mean sphericity (Cho, Dodds and
-Santamarina 2006). One survey grows beds by six models and many numbers of seeds, and shrinks each until it lies on that
-line: once with the void of the grains' own cells, and once with that of the whole cube, in which the cells removed at
+Santamarina 2006). One survey grows beds by seven models and many numbers of seeds, and shrinks each until it lies on
+that line: once with the void of the grains' own cells, and once with that of the whole cube, in which cells removed at
 the walls count as void. Left: where the beds lie on the line. Right: the F that put them there. Writes a picture and
 the survey's table; what an interrupted run has is kept. Run with ``--quick`` for small beds.
 """
@@ -24,12 +24,17 @@ MARKERS = {
     "CVT-Halton": ("*", "#7a5195"),
     "Strauss": ("D", "#b5452c"),
     "clusters": ("^", "#d08c2a"),
+    "same clusters": ("P", "#c46a9a"),
     "1/f noise": ("v", "#22272e"),
 }
 
 
 def seeds(model: str, n: int) -> dict[str, Any]:
-    """Return the seeds table of a model: lengths in the mean distance of seeds, so that all beds have one structure."""
+    """Return the seeds table of a model.
+
+    Lengths are in the mean distance of seeds, so that beds of all sizes have one structure; but "same clusters" keep
+    their parents and their spread while children become more.
+    """
     spacing = n ** (-1 / 3)
     return {
         "Poisson": {"process": "poisson", "count": n},
@@ -37,6 +42,7 @@ def seeds(model: str, n: int) -> dict[str, Any]:
         "CVT-Halton": {"process": "halton", "count": n, "relax": 20},
         "Strauss": {"process": "strauss", "count": n, "distance": 0.8 * spacing, "inhibition": 0.05},
         "clusters": {"process": "cluster", "count": n, "parents": max(2, n // 20), "spread": 0.5 * spacing},
+        "same clusters": {"process": "cluster", "count": n, "parents": 100, "spread": 0.05},
         "1/f noise": {"process": "noise", "count": n, "beta": 1.0, "gain": 12.0, "resolution": 64},
     }[model]
 
@@ -61,12 +67,12 @@ def main() -> None:
     count_of = np.repeat([n for _, n in cases], 2 * plan.repeats)
     is_cells = table["grains_region"] == "cells"
 
-    print("model         seeds  grains  sphericity  void ratio  F of the cells  F of the cube")
+    print("model          seeds  grains  sphericity  void ratio  F of the cells  F of the cube")
     for model, n in cases:
         mine = (model_of == model) & (count_of == n)
         cells, cube = table[mine & is_cells], table[mine & ~is_cells]
         print(
-            f"{model:12} {n:6} {cells['n_grains'].mean():7.0f} {cells['mean_sphericity'].mean():10.3f} "
+            f"{model:13} {n:6} {cells['n_grains'].mean():7.0f} {cells['mean_sphericity'].mean():10.3f} "
             f"{cells['void_ratio'].mean():11.3f} {cells['scale'].mean():12.4f} {cube['scale'].mean():15.4f}"
         )
     with drawing(options.output / "figure_15.png", (9.6, 4.0), dpi=110) as figure:
