@@ -47,6 +47,7 @@ FORMATS = {
     "rockable": Format("exporters.dem.rockable", (".conf",)),
     "lammps": Format("exporters.dem.lammps", (".in",)),
     "yade": Format("exporters.dem.yade", (".py",)),
+    "3dec": Format("exporters.dem.threedec", (".3ddat",)),
     "sdf": Format("exporters.dem.sdf", (".sdf",)),
     "openfoam": Format("exporters.openfoam"),
 }

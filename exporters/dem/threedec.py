@@ -1,0 +1,190 @@
+"""Itasca 3DEC, from version 7: commands that make rigid blocks, their joints and the container."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from string import Template
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from exporters.check import check_choice, check_positive, grain_names
+from exporters.container import container_box
+from exporters.dem.bodies import blocks, bodies
+from exporters.dem.scene import WALLS, check_word, down, height
+from exporters.text import filled, rows_of_text, table_of_text
+from grainsdem.geometry.rotations import world_vertices
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from numpy.typing import NDArray
+
+    from exporters.container import container_box
+from exporters.dem.bodies import Bodies
+    from grainsdem.model import Packing
+
+    Floats = NDArray[np.float64]
+
+_HEADER = Template("""\
+; $name: $n_grains grains in SI, block g000007 in slot 'grain' is grain 7
+model new
+model large-strain on
+""")
+
+_FOOTER = Template("""\
+block property density $density
+$densities
+block contact generate-subcontacts
+block contact jmodel assign mohr
+block contact property $joint
+block contact material-table default property $joint
+model gravity $gravity
+$fixed
+block mech damp local 0.8
+""")
+
+# Vertices on one line; no vertex may be parted by the end of one.
+_ON_A_LINE = 3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ThreedecOptions:
+    """What the model that the commands make is like.
+
+    Parameters
+    ----------
+    friction : float
+        Coefficient of friction [1] of every joint.
+    gravity : float
+        Acceleration [m/s²].
+    depth : float
+        Overlap of a grain that has fallen from the top of the bed onto a face, in median diameters; the joints'
+        stiffness follows from it.
+    walls : {"box", "floor", "none"}
+        Container from the packing's domain, of fixed blocks. There is no lid.
+
+    Raises
+    ------
+    InputError
+        If a number is out of range or a word is not one of those allowed.
+    """
+
+    friction: float = 0.5
+    gravity: float = 9.81
+    depth: float = 0.01
+    walls: Literal["box", "floor", "none"] = "box"
+
+    def __post_init__(self) -> None:
+        for name in ("gravity", "depth"):
+            check_positive(name, getattr(self, name))
+        check_positive("friction", self.friction, or_zero=True)
+        check_choice("walls", self.walls, WALLS)
+
+
+Options = ThreedecOptions
+
+LOSES = (
+    "Vertices have twelve significant digits; 3DEC finds masses and inertias itself from the densities.",
+    "Poses are those of the vertices: which way a grain was turned is lost.",
+    "Periodic axes become walls, and a domain's inclined planes are left out.",
+)
+"""What the format does not carry."""
+
+
+def files(
+    packing: Packing, *, name: str = "bed", suffix: str = ".3ddat", options: ThreedecOptions | None = None
+) -> dict[str, bytes | Iterable[bytes]]:
+    """Return the one file of commands: ``{"bed.3ddat": …}``.
+
+    Every face has its corners clockwise seen from outside, as 3DEC asks. The block of grain 7 is in group ``g000007``
+    of the slot ``grain``; the walls are in group ``walls``, and fixed.
+
+    Raises
+    ------
+    InputError
+        If the packing is empty or not finite, or the name is not one word.
+    """
+    check_word(name)
+    return {f"{name}{suffix}": _commands(packing, bodies(packing), options or ThreedecOptions(), name)}
+
+
+def _commands(packing: Packing, sizes: Bodies, options: ThreedecOptions, name: str) -> Iterator[bytes]:
+    """Yield the walls, which are made first and named by being all that there is, then the grains and the joints."""
+    world = world_vertices(packing)
+    d = float(np.median(sizes.diameters))
+    yield _HEADER.substitute(name=name, n_grains=len(packing)).encode()
+    container = _bricks(packing, world, options.walls, d)
+    for wall, corners in container.items():
+        yield f"; {wall}\nblock create brick {table_of_text(corners.T.reshape(1, 6), digits=12)[0]}\n".encode()
+    if container:
+        yield b"block group 'walls'\n"
+    for block in blocks(len(packing)):
+        yield _grains(packing, world, sizes, block).encode()
+    names, told = grain_names(packing), table_of_text(packing.densities[:, None], digits=12)
+    # A force over a face of 0.2 d² that takes up what the heaviest grain gains in its fall.
+    drop = height(packing, world)
+    stiffness = 2 * float(sizes.masses.max()) * options.gravity * drop / (0.2 * d**2 * (options.depth * d) ** 2)
+    joint = f"stiffness-normal {stiffness:.9g} stiffness-shear {stiffness:.9g} "
+    yield _FOOTER.substitute(
+        density=told[0],
+        densities="\n".join([
+            f"block property density {density} range group '{grain}' slot 'grain'"
+            for grain, density in zip(names, told, strict=True)
+            if density != told[0]
+        ]),
+        joint=f"{joint}friction {np.degrees(np.arctan(options.friction)):.9g}",
+        gravity=rows_of_text(options.gravity * down(packing), [3])[0],
+        fixed="block fix range group 'walls'" if container else "",
+    ).encode()  # fmt: skip
+
+
+def _bricks(packing: Packing, world: Floats, choice: str, thickness: float) -> dict[str, Floats]:
+    """Return the corners [m] of the walls, shape (2, 3), by name: bricks that touch but do not overlap."""
+    lower, upper = container_box(packing, world)
+    top = np.maximum(upper, world.max(axis=0))
+    planar = packing.domain.is_planar
+    up, first, last = (1, 0, 2) if planar else (2, 0, 1)
+    inside = np.stack([lower, np.where(np.arange(3) == up, top, upper)])
+    # The floor is under all walls, and the first two walls cover the edges of the others.
+    wide = inside + np.array([[-thickness], [thickness]]) * (np.arange(3) != up)
+    cover = np.where(np.arange(3) == last, wide, inside)
+    made = {}
+    for axis, around, sides in ((up, wide, (0,)), (first, cover, (0, 1)), (last, inside, (0, 1))):
+        for side in sides:
+            brick = around.copy()
+            brick[1 - side, axis] = inside[side, axis]
+            brick[side, axis] = inside[side, axis] + (thickness if side else -thickness)
+            made[f"wall_{'xyz'[axis]}{side}"] = brick
+    return {"box": made, "floor": dict(list(made.items())[:1]), "none": {}}[choice]
+
+
+def _grains(packing: Packing, world: Floats, sizes: Bodies, block: slice) -> str:
+    """Return the commands that make a block of grains, and those that name them by where they are."""
+    grains = packing.grains
+    first, last = grains.vertex_offsets[[block.start, block.stop]]
+    points = filled("%.12g,%.12g,%.12g", world[first:last], np.ones(last - first, dtype=np.int64))
+    made = []
+    for grain in range(block.start, block.stop):
+        start = int(grains.vertex_offsets[grain] - first)
+        # From counter-clockwise to clockwise.
+        faces = [[points[start + corner] for corner in face[::-1].tolist()] for face in grains.faces_of(grain)]
+        made.append(_block(f"g{grain:06d}", faces))
+    # A box of a thousandth of a diameter around each centre of mass, which no other grain has inside.
+    reach = 5e-4 * sizes.diameters[block, None]
+    bounds = np.stack([sizes.centres[block] - reach, sizes.centres[block] + reach], axis=2).reshape(-1, 6)
+    named = filled("range pos-x %.12g %.12g pos-y %.12g %.12g pos-z %.12g %.12g", bounds, np.ones(len(bounds)))
+    groups = [f"block group 'g{block.start + i:06d}' slot 'grain' {box}\n" for i, box in enumerate(named)]
+    return "".join([*made, *groups])
+
+
+def _block(name: str, faces: list[list[str]]) -> str:
+    """Return the command that makes a block of faces, each a list of points."""
+    lines = [f"; {name}", "block create polyhedron &"]
+    for face in faces:
+        cuts = [*range(0, len(face), _ON_A_LINE), len(face)]
+        rows = [" ".join(face[a:b]) for a, b in pairwise(cuts)]
+        lines += [f"  face {rows[0]} &", *(f"       {row} &" for row in rows[1:])]
+    # The last line is not continued.
+    return "\n".join([*lines[:-1], lines[-1].removesuffix(" &"), ""])
