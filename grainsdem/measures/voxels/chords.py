@@ -101,49 +101,39 @@ def specific_surface(voxels: Voxels, *, method: Literal["correlation", "crofton"
 
     Notes
     -----
-    ``"correlation"``: s = -4 S₂'(0), in a plane -π S₂'(0) (Debye 1957), with the slope along the axes of the parabola
-    through S₂ at none, one and two voxels. At edges S₂ bends with the square of the distance, which a parabola takes
-    up: the error falls as h².
+    ``"correlation"``: s = -4 S₂'(0), in a plane -π S₂'(0) (Debye 1957), with the slope of the parabola through S₂ at
+    none, one and two steps. At edges S₂ bends with the square of the distance, which a parabola takes up: the error
+    falls as h², once gaps are wider than about four voxels.
 
-    ``"crofton"``: s = 2 P, in a plane (π / 2) P, with P the crossings of a unit of line, in the mean over the 13
-    directions, or 4, to the nearest voxels, each weighted with the part of the sphere that is nearest to it. A line
-    that leaves and enters a phase between two voxels is not seen to cross, most often beside an edge: the error falls
-    as h, and s is too small. Beds whose faces have favoured directions want this method, since it has more of them.
+    ``"crofton"``: s = 2 P, in a plane (π / 2) P, with P the crossings of a unit of line. A line that leaves and enters
+    a phase between two voxels is not seen to cross, most often beside an edge: the error falls as h, and s is too small.
+
+    Both take the mean over the 13 directions to the nearest voxels, or 4 in a plane, each weighted with the part of the
+    sphere that is nearest to it.
     """
     if method not in ("correlation", "crofton"):
         raise InputError(f"method must be 'correlation' or 'crofton'; got {method!r}")
-    axes = [2, 1] if voxels.is_layer else [2, 1, 0]
-    if min(voxels.labels.shape[axis] for axis in axes) < 3:
+    sizes = [n for n, is_flat in zip(voxels.labels.shape, (voxels.is_layer, False, False), strict=True) if not is_flat]
+    if min(sizes) < 3:
         raise InputError(f"a surface needs three voxels along each axis; got shape {voxels.labels.shape}")
-    return _by_slope(voxels, axes) if method == "correlation" else _by_crossings(voxels, axes)
-
-
-def _by_slope(voxels: Voxels, axes: list[int]) -> float:
-    slopes = []
-    for axis in axes:
-        mixed = []
-        for steps in (1, 2):
-            offset = [0, 0, 0]
-            offset[axis] = steps
-            pairs, _, differ = count_pairs(voxels.labels, (offset[0], offset[1], offset[2]), voxels.periodic[::-1])
-            mixed.append(0.5 * differ / max(pairs, 1))
-        # φ - S₂ at one and two voxels; the parabola through zero has this slope.
-        slopes.append((2 * mixed[0] - 0.5 * mixed[1]) / float(voxels.spacing[2 - axis]))
-    return float(np.mean(slopes)) * (np.pi if len(axes) == 2 else 4.0)
-
-
-def _by_crossings(voxels: Voxels, axes: list[int]) -> float:
-    is_plane = len(axes) == 2
-    spacing = voxels.spacing[::-1]
-    offsets = [(k, j, i) for k, j, i in product((-1, 0, 1), repeat=3) if (k, j, i) > (0, 0, 0) and not (is_plane and k)]
-    arms = np.array(offsets) * spacing
+    offsets = [
+        (k, j, i) for k, j, i in product((-1, 0, 1), repeat=3) if (k, j, i) > (0, 0, 0) and not (voxels.is_layer and k)
+    ]
+    arms = np.array(offsets) * voxels.spacing[::-1]
     steps = np.linalg.norm(arms, axis=1)
-    weights = _nearest_shares(arms / steps[:, None], is_plane=is_plane)
-    crossings = 0.0
-    for offset, step, weight in zip(offsets, steps, weights, strict=True):
-        pairs, _, differ = count_pairs(voxels.labels, offset, voxels.periodic[::-1])
-        crossings += weight * differ / (max(pairs, 1) * step)
-    return float(crossings) * (0.5 * np.pi if is_plane else 2.0)
+    weights = _nearest_shares(arms / steps[:, None], is_plane=voxels.is_layer)
+    crossings = [_mixed(voxels, offset, 1) for offset in offsets]
+    if method == "correlation":
+        # φ - S₂ is half of the mixed pairs; the parabola through it at none, one and two steps begins with this slope.
+        crossings = [2 * one - 0.5 * _mixed(voxels, offset, 2) for one, offset in zip(crossings, offsets, strict=True)]
+    return float((weights * crossings / steps).sum()) * (0.5 * np.pi if voxels.is_layer else 2.0)
+
+
+def _mixed(voxels: Voxels, offset: tuple[int, int, int], steps: int) -> float:
+    """Return the share of pairs, some steps apart, of which one voxel lies in a grain and one in the void."""
+    k, j, i = offset
+    pairs, _, mixed = count_pairs(voxels.labels, (k * steps, j * steps, i * steps), voxels.periodic[::-1])
+    return mixed / max(pairs, 1)
 
 
 def _nearest_shares(directions: Floats, *, is_plane: bool) -> Floats:
