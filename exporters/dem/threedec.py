@@ -21,8 +21,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from exporters.container import container_box
-from exporters.dem.bodies import Bodies
+    from exporters.dem.bodies import Bodies
     from grainsdem.model import Packing
 
     Floats = NDArray[np.float64]
