@@ -14,6 +14,8 @@ A module of a format holds
 ``factors(packing, options)``, unless the file is in SI
     Returns the factors from the file's units to SI: ``{"length": m, "mass": kg, "time": s}``. They also stand in the
     file, for `read`.
+``report(packing, options)``, where writing changes the grains
+    Returns what it did to them, as JSON values for the manifest.
 
 Other distributions add formats through entry points of the group ``grainsdem.exporters``: the name of the format, and a
 module as above with ``SUFFIXES`` besides, a tuple, empty for a format that is a folder.

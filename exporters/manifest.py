@@ -63,6 +63,7 @@ def together(packing: Packing, found: Sequence[Found], name: str, options: Seque
             "options": asdict(chosen),
             "units": one.module.factors(packing, chosen) if hasattr(one.module, "factors") else _SI,
             "loses": list(one.module.LOSES),
+            **({"report": one.module.report(packing, chosen)} if hasattr(one.module, "report") else {}),
             "files": list(named),
         })  # fmt: skip
     content[NAME] = _text(packing, name, rows, digests)
