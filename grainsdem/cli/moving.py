@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import typer
 
 import grainsdem
-from grainsdem.cli.options import Bed, Json, Quiet, Rng, app, densities, err, guarded, load, out, print_json
+from grainsdem.cli.options import Bed, Json, Quiet, Rng, app, densities, err, guarded, load, out, print_json, telling
 
 
 @app.command()
@@ -42,6 +42,7 @@ def settle(
     ] = None,
     time_step: Annotated[float, typer.Option(help="Time step in units of √(d/g).")] = 0.01,
     max_time: Annotated[float, typer.Option(help="Time limit in units of √(d/g).")] = 200.0,
+    max_hours: Annotated[float, typer.Option(help="Refuse a run that would take longer by estimate.")] = 24.0,
     history: Annotated[
         Path | None,
         typer.Option(help="Write the history here while the run goes (.h5); an interrupted run keeps it."),
@@ -61,6 +62,7 @@ def settle(
     with (
         ChainProgress(err, shown=not (quiet or json_)) as progress,
         progress.stage("Settling") as tell,
+        telling(shown=not (quiet or json_)),
         keeping_last_good(output),
     ):
         settled = grainsdem.settle(
@@ -75,6 +77,7 @@ def settle(
             rng=rng,
             time_step=time_step,
             max_time=max_time,
+            max_hours=max_hours,
             history_path=history,
             resume=resume,
             progress=settling_words(tell),

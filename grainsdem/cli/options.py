@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import functools
 import json
+import logging
 import sys
 import tomllib
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,7 +18,7 @@ import grainsdem
 from grainsdem.errors import GrainsDEMError, InputError, ValidationError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from grainsdem.model import ContactGraph, Packing
 
@@ -66,6 +68,23 @@ def guarded(command: Callable[..., None]) -> Callable[..., None]:
 def complain(line: str) -> None:
     """Print one line to the error stream."""
     err.print(" ".join(line.split()), markup=False, highlight=False, style="red" if err.is_terminal else None)
+
+
+@contextmanager
+def telling(*, shown: bool) -> Iterator[None]:
+    """Print what the library logs while the block runs, such as what a run will take."""
+    handler = logging.Handler(logging.INFO)
+    handler.emit = lambda record: err.print(record.getMessage(), markup=False, highlight=False)  # type: ignore[method-assign]
+    logger = logging.getLogger("grainsdem")
+    before = logger.level
+    if shown:
+        logger.addHandler(handler)
+        logger.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+        logger.setLevel(before)
 
 
 def load(path: Path) -> Packing:

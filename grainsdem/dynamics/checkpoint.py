@@ -77,7 +77,8 @@ def load_checkpoint(path: Path, identity: Mapping[str, Any]) -> Checkpoint:
         If it belongs to another packing, engine, or options.
     """
     try:
-        with np.load(path) as file:
+        # Opened here: numpy leaves a file open that it cannot read.
+        with path.open("rb") as source, np.load(source) as file:
             state, samples, words = file["state"], file["samples"], json.loads(str(file["words"]))
         found = Checkpoint(state, samples, words["memory"], words["identity"], words["n_frames"])
         if words["version"] != VERSION:

@@ -13,6 +13,7 @@ import numpy as np
 
 from exporters import mjcf
 from grainsdem.dynamics.engine import Apparatus, load
+from grainsdem.dynamics.engine.lockstep import joined
 from grainsdem.dynamics.starting import sphere_radii
 from grainsdem.errors import InputError
 from grainsdem.geometry.integrals import volumes
@@ -138,7 +139,7 @@ def equip(packing: Packing, options: MjcfOptions, *, are_spheres: bool = False) 
 def scene_of(packing: Packing, text: str, gravity: float, *, are_spheres: bool = False) -> Scene:
     """Return the scene of a text made from a packing, in which ``gravity`` [m/s²] is one."""
     fingerprint = hashlib.sha256(text.encode()).hexdigest()
-    return Scene(packing, mjcf.units(packing, gravity), load(text), fingerprint, are_spheres)
+    return Scene(packing, mjcf.units(packing, gravity), joined(load(text)), fingerprint, are_spheres)
 
 
 def refuse_periodic(packing: Packing) -> None:

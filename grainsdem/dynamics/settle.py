@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from exporters import mjcf
 from exporters.mjcf import MjcfOptions
+from grainsdem.dynamics.budget import Budget, allow, estimate, settling_duration
 from grainsdem.dynamics.loop import Loop, Record
 from grainsdem.dynamics.mechanics import SAMPLE_UNITS, Sample, contact_graph, sample, snapshot
 from grainsdem.dynamics.scene import equip, refuse_overlap, scene_of
@@ -42,6 +44,13 @@ goes on with half the step."""
 
 REFINEMENTS = 3
 """How often the time step is halved to make the overlaps shallower."""
+
+CALM_ENERGY = 1e-4
+"""Mean kinetic energy of a grain [m g d] below which `CALM_DRAG` acts."""
+
+CALM_DRAG = 0.5
+"""Rate [1/t] at which a bed that is nearly at rest loses velocity besides all else. Contacts of points do not resist
+rolling: a grain that hangs on two of them would swing for ever. What is at rest does not feel it."""
 
 LEAST_TIME = 2.0
 """Time before which nothing counts as rest [√(d/g)]: grains that have just been let go are slow, too."""
@@ -157,6 +166,7 @@ def settle(
     rng: np.random.Generator | int | None = None,
     time_step: float = 0.01,
     max_time: float = 200.0,
+    max_hours: float = 24.0,
     history_path: str | os.PathLike[str] | None = None,
     resume: bool = False,
     progress: Callable[[Progress], None] | None = None,
@@ -192,6 +202,8 @@ def settle(
         at rest on overlaps deeper than 5e-4 d goes on with half the step until they are shallower, three times at most.
     max_time : float
         Time limit in units of √(d/g), from when the last grain is let go.
+    max_hours : float
+        A run that would take longer by estimate is refused before its start.
     history_path : str or path-like, optional
         HDF5 file that the history is appended to while the run goes, so that an interrupted run keeps what it had.
     resume : bool
@@ -208,19 +220,22 @@ def settle(
     Raises
     ------
     InputError
-        If the packing overlaps at the start, is periodic, or an option is out of range.
+        If the packing overlaps at the start, is periodic, an option is out of range, or the run does not fit.
     UnstableError
         If the run goes wrong and three smaller time steps do not help; its ``last_good`` is the last good packing.
 
     Notes
     -----
     At rest means: at five samples in a row, 0.2 √(d/g) apart, the mean kinetic energy of a grain is below 1e-6 m g d
-    and the mean resultant force below a tenth of the mean contact force.
+    and the mean resultant force below a tenth of the mean contact force. Once the mean energy is below 1e-4 m g d, a
+    drag takes velocity away at a rate of 0.5 √(g/d): contacts of points have no resistance to rolling, and a grain that
+    hangs on two of them would swing for ever.
     """
     if not max_time > 0:
         raise InputError(f"max_time must be positive; got {max_time}")
     options = MjcfOptions(friction=friction, wall_friction=wall_friction, gravity=gravity, time_step=time_step)
     first = begin(packing, start=start, spheres=spheres, density=density, rng=rng)
+    allow(settling_budget(first, time_step=time_step, max_time=max_time), max_hours=max_hours)
     apparatus = equip(first, options, are_spheres=spheres)
     if direction is not None:
         apparatus.set_gravity(_downward(direction, is_planar=packing.domain.is_planar))
@@ -242,6 +257,14 @@ def settle(
         at_rest=run.at_rest,
     )
     return Settled(settled, run.history(), _report(run), contact_graph(snapshot(scene)))
+
+
+def settling_budget(first: Packing, *, time_step: float = 0.01, max_time: float = 200.0) -> Budget:
+    """Return what settling will take, from where the grains are at its start."""
+    up = 1 if first.domain.is_planar else 2
+    fall = np.ptp(first.positions[:, up]) / mjcf.units(first).length
+    duration = min(settling_duration(float(fall)), max_time)
+    return estimate(len(first), duration=duration, time_step=time_step)
 
 
 def _downward(direction: ArrayLike, *, is_planar: bool) -> Floats:
@@ -270,6 +293,7 @@ class SettleLoop(Loop):
         self._lowest = sample(scene).total_energy
         self._nozzle = np.inf
         self._is_wet = False
+        self._is_calm = False
 
     def rain(self) -> None:
         """Let grains come down at a steady speed until they pass the middle of the container, and fall from there."""
@@ -310,6 +334,9 @@ class SettleLoop(Loop):
             self.progress(
                 Progress(now.time * second, self.limit * second, now.kinetic_energy, REST_ENERGY, now.n_contacts)
             )
+        if not self._is_calm and now.kinetic_energy < CALM_ENERGY and now.time > LEAST_TIME:
+            self._is_calm = True
+            self.scene.engine.set_drag(CALM_DRAG)
         if self._rests():
             self.at_rest = now.overlap_max <= REST_OVERLAP or self.refinements == REFINEMENTS
             if not self.at_rest:
@@ -342,6 +369,7 @@ class SettleLoop(Loop):
             "rested_from": self._rested_from,
             "lowest": self._lowest,
             "is_wet": self._is_wet,
+            "is_calm": self._is_calm,
         }
 
     def recall(self, memory: Mapping[str, Any]) -> None:
@@ -349,7 +377,8 @@ class SettleLoop(Loop):
         super().recall(memory)
         self.refinements, self.at_rest = memory["refinements"], memory["at_rest"]
         self._rested_from, self._lowest = memory["rested_from"], memory["lowest"]
-        self._is_wet = memory["is_wet"]
+        self._is_wet, self._is_calm = memory["is_wet"], memory["is_calm"]
+        self.scene.engine.set_drag(CALM_DRAG if self._is_calm else 0.0)
 
     def _rests(self) -> bool:
         if self.scene.time() <= LEAST_TIME or len(self.samples) - self._rested_from <= REST_SAMPLES:

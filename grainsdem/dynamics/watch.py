@@ -55,7 +55,10 @@ def find_trouble(scene: Scene, now: Sample, before: Sample, lowest: float) -> No
     if not np.isfinite(now.total_energy):
         raise TroubleError("an energy that is not finite")
     if now.total_energy > lowest + ENERGY_SLACK + STORED_SHARE * before.kinetic_energy:
-        raise TroubleError(f"energy rose from {lowest:.4g} to {now.total_energy:.4g} m g d a grain")
+        fastest = int(np.argmax(np.linalg.norm(scene.engine.motion().velocities, axis=1)))
+        raise TroubleError(
+            f"energy rose from {lowest:.4g} to {now.total_energy:.4g} m g d a grain, grain {fastest} the fastest"
+        )
     escaped = np.flatnonzero(_distance_outside(scene) > ESCAPE_DISTANCE)
     if escaped.size:
         raise TroubleError(f"{escaped.size} grains left the container: {name_offenders(escaped)}")

@@ -36,6 +36,8 @@ class SettleTable(Table):
         Time step in units of √(d/g).
     max_time : float
         Time limit in units of √(d/g).
+    max_hours : float
+        A run that would take longer by estimate is refused before its start.
     overlap : float
         Largest overlap volume that the soft contacts may leave, relative to the smaller grain.
     """
@@ -49,6 +51,7 @@ class SettleTable(Table):
     density: Positive | Shares | None = None
     time_step: Positive = 0.01
     max_time: Positive = 200.0
+    max_hours: Positive = 24.0
     overlap: Positive = 1e-3
 
     @model_validator(mode="after")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,6 +24,9 @@ SUFFIXES = (".h5", ".hdf5")
 SCHEMA_VERSION = "1.0"
 """Version of every schema. A new minor version only adds; a new major version is refused by older readers."""
 
+RESERVE = 1 << 18
+"""Room [bytes] that is kept for what HDF5 writes when it closes a file."""
+
 LIBVER = ("v110", "v110")
 """One file format, read by every HDF5 from 1.10 on: bytes repeat, long attributes fit, readers may look on."""
 
@@ -41,6 +45,29 @@ def check_suffix(path: str | os.PathLike[str]) -> Path:
         given = target.suffix or "no suffix"
         raise FileFormatError(f"{target}: HDF5 files end in {' or '.join(SUFFIXES)}; got {given!r}")
     return target
+
+
+def check_room(path: Path, n_bytes: int) -> None:
+    """Raise `WriteError` where a file cannot grow by so many bytes and by what closing it takes.
+
+    HDF5 must not find that out itself: a write that fails makes it crash when the file is closed.
+    """
+    free = shutil.disk_usage(path.parent).free
+    limit = _size_limit()
+    if limit is not None:
+        free = min(free, limit - path.stat().st_size)
+    if free < n_bytes + RESERVE:
+        raise WriteError(f"{path}: cannot be written: no room for {n_bytes + RESERVE} bytes more; {free} are left")
+
+
+def _size_limit() -> int | None:
+    """Return how large [bytes] the system lets this process make a file, or nothing for any size."""
+    try:
+        import resource  # noqa: PLC0415  (there is none on Windows)
+    except ImportError:
+        return None
+    limit = resource.getrlimit(resource.RLIMIT_FSIZE)[0]
+    return None if limit == resource.RLIM_INFINITY else limit
 
 
 @contextmanager

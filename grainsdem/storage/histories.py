@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 
 from grainsdem.errors import InputError, ShapeError
-from grainsdem.storage.hdf5 import LIBVER, check_suffix, describe, read_dataset, reading, writing
+from grainsdem.storage.hdf5 import LIBVER, check_room, check_suffix, describe, read_dataset, reading, writing
 
 if TYPE_CHECKING:
     import os
@@ -110,6 +110,7 @@ class HistoryWriter:
             if values[name].shape != (self.n_grains, width):
                 raise ShapeError(f"{name} must have shape ({self.n_grains}, {width}); got {values[name].shape}")
         self.flush()
+        check_room(self.path, sum(value.nbytes for value in values.values()))
         with writing(self.path):
             # The time last: a frame is there when its time is.
             for name, value in (*values.items(), ("times", np.array(time, dtype=np.float64))):
@@ -119,6 +120,7 @@ class HistoryWriter:
         """Write the rows that wait, so that readers see them."""
         if not self._rows:
             return
+        check_room(self.path, len(self._rows) * self._series.dtype.itemsize)
         with writing(self.path):
             _extend(self._series, np.array(self._rows, dtype=self._series.dtype))
         self._rows.clear()

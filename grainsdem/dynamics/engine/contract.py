@@ -112,6 +112,9 @@ class Engine(Protocol):
     def hold_up(self, rows: NDArray[np.bool_]) -> None:
         """Take the weight off some grains, shape (n,), and give it back to all others."""
 
+    def set_drag(self, rate: float) -> None:
+        """Let grains lose velocity and spin at a rate [1/t] besides all else, as in a fluid; zero for none."""
+
     def remove(self, part: str) -> None:
         """Let grains pass through a part from now on."""
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from exporters.mujoco_log import quiet
+from grainsdem.dynamics.engine import cache
 from grainsdem.dynamics.engine.contract import Contacts, EngineError, Motion
 from grainsdem.errors import InputError
 from grainsdem.geometry.rotations import to_matrices
@@ -16,7 +17,6 @@ from grainsdem.geometry.rotations import to_matrices
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from contextlib import AbstractContextManager
-    from pathlib import Path
 
     from numpy.typing import ArrayLike, NDArray
 
@@ -28,8 +28,8 @@ CONVERGED_ITERATIONS = 300
 _GRAIN = re.compile(r"g\d{6,}")
 
 
-def load(text: str, *, cache: Path | None = None) -> MujocoEngine:
-    """Compile a model's text, or take it compiled from ``cache`` where that file was made from the same text.
+def load(text: str) -> MujocoEngine:
+    """Compile a model's text; a large one is kept compiled, and taken from there when the same text comes again.
 
     Raises
     ------
@@ -38,15 +38,16 @@ def load(text: str, *, cache: Path | None = None) -> MujocoEngine:
     """
     import mujoco
 
+    place = cache.place_of(text, mujoco.__version__)
     with quiet():
-        if cache is not None and cache.is_file():
-            return MujocoEngine(mujoco.MjModel.from_binary_path(str(cache)))
+        kept = cache.find(place)
+        if kept is not None:
+            return MujocoEngine(kept)
         try:
             model = mujoco.MjModel.from_xml_string(text)
         except ValueError as error:
             raise InputError(f"MuJoCo refuses the packing: {error}") from error
-    if cache is not None:
-        mujoco.mj_saveModel(model, str(cache), None)
+        cache.keep(model, place)
     return MujocoEngine(model)
 
 
@@ -128,6 +129,13 @@ class MujocoEngine:
         """Take the weight off some grains, shape (n,), and give it back to all others."""
         lift = -self.masses[:, None] * self.gravity * np.asarray(rows)[:, None]
         self.data.xfrc_applied[self.body_of_grain, :3] = lift
+
+    def set_drag(self, rate: float) -> None:
+        """Let grains lose velocity and spin at a rate [1/t] besides all else, as in a fluid; zero for none."""
+        moments = np.trace(self.inertias, axis1=1, axis2=2) / 3
+        for rows, dofs, axes in self._loose_dofs():
+            self.model.dof_damping[dofs[:, :axes]] = rate * self.masses[rows, None]
+            self.model.dof_damping[dofs[:, axes:]] = rate * moments[rows, None]
 
     def remove(self, part: str) -> None:
         """Let grains pass through a part from now on."""
