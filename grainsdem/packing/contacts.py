@@ -146,10 +146,13 @@ def _facing(i: NDArray[np.int64], j: NDArray[np.int64], shifts: NDArray[np.int64
     place = np.array([base * base, base, 1])
     forward = (i * n + j) * base**3 + (shifts + most) @ place
     backward = (j * n + i) * base**3 + (most - shifts) @ place
-    order = np.argsort(forward, kind="stable")
-    found = np.searchsorted(forward, backward, sorter=order)
-    found = order[np.minimum(found, len(order) - 1)] if len(order) else found
-    return np.where(forward[found] == backward, found, -1)
+    back = np.full(i.size, -1)
+    if i.size:
+        # Both in order: a search for scattered keys would miss the cache each time.
+        order, wanted = np.argsort(forward, kind="stable"), np.argsort(backward, kind="stable")
+        found = order[np.minimum(np.searchsorted(forward[order], backward[wanted]), i.size - 1)]
+        back[wanted] = np.where(forward[found] == backward[wanted], found, -1)
+    return back
 
 
 def mean_diameter(packing: Packing) -> float:
