@@ -1,0 +1,110 @@
+"""What a simulation in MuJoCo is like."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from exporters.check import check_choice, check_positive
+from exporters.container import check_colour
+from exporters.units import check_units
+from grainsdem.errors import InputError
+
+if TYPE_CHECKING:
+    from exporters.container import Colour
+    from exporters.units import Units
+
+ITERATIONS = {"PGS": 30, "CG": 100, "Newton": 100}
+"""Most iterations of each solver."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MjcfOptions:
+    """What the simulation that the file describes is like.
+
+    Parameters
+    ----------
+    friction : float
+        Coefficient of friction among grains [1].
+    wall_friction : float, optional
+        Coefficient of friction between grains and walls [1]; that of the grains by default.
+    gravity : float
+        Acceleration [m/s²]; it is one in grain units.
+    time_step : float
+        Time step in units of √(d/g), d being the median diameter.
+    solver : {"PGS", "CG", "Newton"}
+        Constraint solver. PGS is the fastest for beds; CG gives more accurate forces.
+    iterations : int, optional
+        Most iterations of the solver a step: 30 for PGS, else 100 by default.
+    tolerance : float
+        Relative improvement [1] at which the solver stops.
+    impratio : float
+        Ratio [1] of frictional to normal stiffness; 10 keeps a bed at rest from creeping.
+    noslip_iterations : int
+        Iterations that take away the last creep of states to be stored; 0 for none.
+    contact_width : float
+        Depth, in median diameters, over which a contact reaches its full stiffness.
+    walls : {"box", "floor", "none"}
+        Container from the packing's domain: floor and four walls, floor only, or nothing. There is no lid. A
+        wall of a periodic axis stands where the outermost grain ends: cells reach over periodic boundaries.
+    memory : int, optional
+        Memory [bytes] that MuJoCo sets aside for contacts; from the number of grains by default.
+    units : {"grain", "si", "mm"} or float
+        Units of the file: median diameters with density and gravity one; metres, kilograms and seconds; or another
+        length, in metres, with kilograms and seconds. MuJoCo refuses moments of inertia below 1e-15, which quartz in SI
+        has under about 0.45 mm.
+    colour : {"mineral", "id", "diameter"} or array_like
+        Colour of each grain: see `exporters.container`.
+    shapes : {"hulls", "spheres"}
+        The grains, or spheres of equal volume, with the inertia of spheres (in planar beds of discs). Where grains
+        fit closely, spheres overlap.
+    keyframe : str
+        Name of the state that the file begins in; none where it is empty.
+    split : bool
+        Whether grains stand in a file of their own, which the first one includes.
+    compiled : bool
+        Whether the compiled model is written beside the text, for the version of MuJoCo that is installed: for many
+        grains it loads much faster.
+
+    Raises
+    ------
+    InputError
+        If a number is out of range or a word is not one of those allowed.
+    """
+
+    friction: float = 0.5
+    wall_friction: float | None = None
+    gravity: float = 9.81
+    time_step: float = 0.01
+    solver: Literal["PGS", "CG", "Newton"] = "PGS"
+    iterations: int | None = None
+    tolerance: float = 1e-8
+    impratio: float = 10.0
+    noslip_iterations: int = 0
+    contact_width: float = 1e-3
+    walls: Literal["box", "floor", "none"] = "box"
+    memory: int | None = None
+    units: Units = "grain"
+    colour: Colour = "mineral"
+    shapes: Literal["hulls", "spheres"] = "hulls"
+    keyframe: str = "start"
+    split: bool = False
+    compiled: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("gravity", "time_step", "impratio", "contact_width"):
+            check_positive(name, getattr(self, name))
+        for name in ("friction", "tolerance", "noslip_iterations"):
+            check_positive(name, getattr(self, name), or_zero=True)
+        if self.wall_friction is not None:
+            check_positive("wall_friction", self.wall_friction, or_zero=True)
+        for name in ("iterations", "memory"):
+            if getattr(self, name) is not None:
+                check_positive(name, getattr(self, name))
+        check_choice("solver", self.solver, ITERATIONS)
+        check_choice("walls", self.walls, ("box", "floor", "none"))
+        check_choice("shapes", self.shapes, ("hulls", "spheres"))
+        check_units(self.units)
+        check_colour(self.colour)
+        if not self.keyframe.isprintable():
+            raise InputError(f"keyframe must be a name that can be printed; got {self.keyframe!r}")
