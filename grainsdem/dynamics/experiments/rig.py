@@ -8,13 +8,11 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 
 from exporters import mjcf
-from grainsdem.dynamics.engine import Apparatus
 from grainsdem.dynamics.loop import Loop, Record
 from grainsdem.dynamics.mechanics import energies
-from grainsdem.dynamics.scene import Scene, refuse_overlap, refuse_periodic, scene_of
+from grainsdem.dynamics.scene import Scene, equip, refuse_overlap, scene_of
 from grainsdem.dynamics.watch import TroubleError, refuse_broken
 from grainsdem.errors import InputError, name_offenders
-from grainsdem.geometry.integrals import volumes
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -22,7 +20,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from exporters.mjcf import MjcfOptions
-    from grainsdem.dynamics.engine import Engine
+    from grainsdem.dynamics.engine import Apparatus, Engine
     from grainsdem.dynamics.mechanics import Snapshot
     from grainsdem.model import Packing
 
@@ -325,12 +323,7 @@ def assemble(
     InputError
         If the packing is periodic or overlaps at the start.
     """
-    refuse_periodic(packing)
-    apparatus = Apparatus(mjcf.text(packing, options))
-    scales = mjcf.units(packing, options.gravity)
-    if spheres:
-        sizes = volumes(packing.grains)
-        apparatus.make_spheres(np.cbrt(0.75 / np.pi * sizes) / scales.length, sizes * packing.densities / scales.mass)
+    apparatus = equip(packing, options, are_spheres=spheres)
     furnish(apparatus)
     scene = scene_of(packing, apparatus.text(), options.gravity, are_spheres=spheres)
     refuse_overlap(scene)
