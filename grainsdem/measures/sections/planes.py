@@ -166,8 +166,9 @@ def cut_domain(domain: Domain, frame: Floats, distance: float) -> Floats:
     slack = 1e-12 * (reach + float(np.abs(middle).max()))
     for nx, ny, nz, d in planes:
         normal = np.array([nx, ny, nz])
+        side = corners @ (frame[:2] @ normal) + distance * (frame[2] @ normal) - d
         # A plane along a wall touches the domain, and its section is that wall.
-        side = corners @ (frame[:2] @ normal) + distance * (frame[2] @ normal) - d - slack
+        side[np.abs(side) <= slack] = 0.0
         kept: list[Floats] = []
         for a, b, sa, sb in zip(np.roll(corners, 1, axis=0), corners, np.roll(side, 1), side, strict=True):
             if (sa <= 0) != (sb <= 0):
