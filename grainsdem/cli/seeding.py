@@ -30,7 +30,7 @@ def seeds(
     periodic: Annotated[str, typer.Option(help="Axes along which points wrap around, such as xy.")] = "",
     fit: Annotated[bool, typer.Option("--fit", help="Scale points into the box.")] = False,
     reach: Annotated[
-        float | None, typer.Option(help="Largest distance [m] of pairs; by default four mean spacings.")
+        float | None, typer.Option(help="Largest distance [m] of pairs; by default three mean spacings.")
     ] = None,
     write: Annotated[Path | None, typer.Option(help="Also write the seeds [m]: .txt, .csv or .npy.")] = None,
     json_: Json = False,

@@ -48,9 +48,7 @@ def nearest_distances(seeds: ArrayLike, domain: Domain) -> Floats:
     ShapeError, InputError
         As `check_seeds`, or if there are fewer than two seeds.
     """
-    points = _checked(seeds, domain)
-    distances, _ = _tree(points, domain).query(points, k=[2])  # the nearest of all is the seed itself
-    return np.asarray(distances, dtype=np.float64).ravel()
+    return _nearest(_checked(seeds, domain), domain)
 
 
 def clark_evans(seeds: ArrayLike, domain: Domain) -> float:
@@ -64,10 +62,7 @@ def clark_evans(seeds: ArrayLike, domain: Domain) -> float:
     Among seeds of intensity λ in d dimensions the mean is :math:`Γ(1 + 1/d) / (λ b_d)^{1/d}`, where :math:`b_d` is the
     volume of the unit ball.
     """
-    nearest = nearest_distances(seeds, domain)
-    d = _dimensions(domain)
-    intensity = len(nearest) / _size(domain)
-    return float(nearest.mean() * (intensity * _ball(1.0, d)) ** (1 / d) / math.gamma(1 + 1 / d))
+    return _order(nearest_distances(seeds, domain), domain)
 
 
 def ripley_k(seeds: ArrayLike, domain: Domain, radii: ArrayLike) -> Floats:
@@ -142,7 +137,7 @@ def describe(seeds: ArrayLike, domain: Domain, *, reach: float | None = None, sh
     seeds, domain
         As for `ripley_k`.
     reach : float, optional
-        Largest distance [m] of K and g; by default four mean spacings, or a quarter of the shortest edge if that is
+        Largest distance [m] of K and g; by default three mean spacings, or a quarter of the shortest edge if that is
         less.
     shells : int
         Shells of equal width between zero and ``reach``.
@@ -161,22 +156,36 @@ def describe(seeds: ArrayLike, domain: Domain, *, reach: float | None = None, sh
     """
     if shells < 1:
         raise InputError(f"there must be a shell or more; got {shells}")
-    nearest = nearest_distances(seeds, domain)
-    d, intensity = _dimensions(domain), len(nearest) / _size(domain)
+    points = _checked(seeds, domain)
+    nearest = _nearest(points, domain)
+    d, intensity = _dimensions(domain), len(points) / _size(domain)
     if reach is None:
-        reach = min(4.0 * intensity ** (-1 / d), 0.25 * float(domain.lengths[:d].min()))
-    edges = np.linspace(0.0, reach, shells + 1)
+        reach = min(3.0 * intensity ** (-1 / d), 0.25 * float(domain.lengths[:d].min()))
+    radii = _edges(np.linspace(0.0, reach, shells + 1)[1:], domain, lowest=0.0)
+    rises, balls = _weights(points, domain, radii), _ball(radii, d)
     return {
-        "seeds": len(nearest),
+        "seeds": len(points),
         "intensity": intensity,
         "nearest_mean": float(nearest.mean()),
         "nearest_least": float(nearest.min()),
-        "clark_evans": clark_evans(seeds, domain),
-        "radii": edges[1:].tolist(),
-        "ripley_k": ripley_k(seeds, domain, edges[1:]).tolist(),
-        "poisson_k": _ball(edges[1:], d).tolist(),
-        "pair_correlation": pair_correlation(seeds, domain, edges).tolist(),
+        "clark_evans": _order(nearest, domain),
+        "radii": radii.tolist(),
+        "ripley_k": np.cumsum(rises).tolist(),
+        "poisson_k": balls.tolist(),
+        "pair_correlation": (rises / np.diff(balls, prepend=0.0)).tolist(),
     }
+
+
+def _nearest(points: Floats, domain: Domain) -> Floats:
+    distances, _ = _tree(points, domain).query(points, k=[2])  # the nearest of all is the point itself
+    return np.asarray(distances, dtype=np.float64).ravel()
+
+
+def _order(nearest: Floats, domain: Domain) -> float:
+    """Return Clark and Evans's index of nearest distances."""
+    d = _dimensions(domain)
+    intensity = len(nearest) / _size(domain)
+    return float(nearest.mean() * (intensity * _ball(1.0, d)) ** (1 / d) / math.gamma(1 + 1 / d))
 
 
 def _weights(points: Floats, domain: Domain, edges: Floats) -> Floats:
