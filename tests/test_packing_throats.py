@@ -73,6 +73,9 @@ def test_the_spread_before_and_after_is_told(periodic):
     assert told["throats_before"]["std"] == pytest.approx(throat_widths(periodic).std())
     assert told["throats_after"]["std"] > told["throats_before"]["std"]
     assert told["n_moved"] == 200
+    widths = throat_widths(periodic)
+    assert (told["throats_before"]["min"], told["throats_before"]["max"]) == (widths.min(), widths.max())
+    assert told["throats_before"]["d10"] == np.percentile(widths, 10)
 
 
 @pytest.mark.parametrize("fraction", [0.0, 0.3, 1.0])

@@ -92,7 +92,7 @@ def _counted(recipe: Recipe, tell: Callable[[float, str], None]) -> tuple[Recipe
     most = _room(recipe, power)
     # Without throats, which change no size.
     plain = recipe.model_copy(update={"grains": recipe.grains.model_copy(update={"throats": None})})
-    n = max(1, min(round(most), PILOT))
+    n = max(1, min(round(0.5 * most), PILOT))  # half of what would fill the domain: void and walls take theirs
     tried: dict[int, float] = {}
     while n not in tried and len(tried) < _BEDS:
         tell(len(tried) / _BEDS, f"{n} seeds")

@@ -57,7 +57,7 @@ def settling_words(tell: Callable[[float, str], None]) -> Callable[[Progress], N
 
 
 def throat_widths_told(packing: Packing) -> dict[str, Any]:
-    """Return ``throats``: mean and standard deviation [m] of throat widths before and after grains were moved.
+    """Return ``throats``: mean, standard deviation and percentiles [m] of their widths before and after grains moved.
 
     Nothing is returned of a packing whose grains were not.
     """
