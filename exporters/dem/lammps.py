@@ -46,7 +46,7 @@ _SCRIPT = Template("""\
 units           lj
 dimension       3
 atom_style      body rounded/polyhedron $fewest $most
-boundary        s s s
+boundary        m m m
 newton          on
 comm_modify     vel yes
 
@@ -64,10 +64,10 @@ fix             motion all nve/body
 fix             weight all gravity 1.0 vector $down
 $walls
 compute         turn all property/atom quatw quati quatj quatk
-dump            grains all custom $$(ceil(v_steps/100)) $name.dump id mass x y z c_turn[1] c_turn[2] c_turn[3] c_turn[4]
+dump            grains all custom $$(ceil((v_steps+1)/100)) $name.dump id mass x y z c_turn[1] c_turn[2] c_turn[3] c_turn[4]
 dump_modify     grains sort id
 thermo_style    custom step atoms pe ke
-thermo          $$(ceil(v_steps/20))
+thermo          $$(ceil((v_steps+1)/20))
 run             $${steps}
 """)
 
@@ -112,7 +112,7 @@ class _Bed:
     @property
     def told(self) -> dict[str, object]:
         """What both files say of themselves."""
-        factors = {key: repr(getattr(self.scales, key)) for key in ("length", "mass", "time")}
+        factors = {key: f"{getattr(self.scales, key):.14g}" for key in ("length", "mass", "time")}
         return {"name": self.name, "n_grains": len(self.packing), **factors}
 
 
@@ -232,8 +232,8 @@ def _data(bed: _Bed) -> Iterator[bytes]:
     rows = zip(table_of_text(np.transpose(box) / length, digits=12), "xyz", strict=True)
     yield _HEADER.substitute(bed.told, box="\n".join(f"{row} {axis}lo {axis}hi" for row, axis in rows)).encode()
     for block in blocks(len(bed.packing)):
-        masses = table_of_text(sizes.masses[block, None] / bed.scales.mass, digits=15)
-        places = table_of_text(sizes.centres[block] / length, digits=15)
+        masses = table_of_text(sizes.masses[block, None] / bed.scales.mass, digits=14)
+        places = table_of_text(sizes.centres[block] / length, digits=14)
         atoms = zip(range(block.start + 1, block.stop + 1), masses, places, strict=True)
         yield "".join([f"{atom} 1 1 {mass} {place}\n" for atom, mass, place in atoms]).encode()
     yield b"\nBodies\n\n"
@@ -254,7 +254,7 @@ def _bodies(bed: _Bed, vertices: Floats, block: slice) -> bytes:
     rows = zip(
         range(block.start + 1, block.stop + 1),
         # Noise around zero is not written as numbers of its own.
-        table_of_text((six / moments[:, 2:]).round(15) * moments[:, 2:], digits=15),
+        table_of_text((six / moments[:, 2:]).round(15) * moments[:, 2:], digits=14),
         _lines(vertices, skin.cores.vertex_offsets[bounds], "reals"),
         _lines(skin.edges.ends, skin.edges.offsets[bounds], "ends"),
         _lines(bed.pieces, bed.piece_offsets[bounds], "corners"),

@@ -152,7 +152,7 @@ def _plate_radius(skin: Rounded) -> float:
 
 def _bodies(names: list[str], group: int, centres: Floats, quaternions: Floats) -> bytes:
     """Return one line a body: shape, group, cluster, scale, pose and derivatives of that, which are zero."""
-    places, turns = table_of_text(centres, digits=15), table_of_text(quaternions, digits=15)
+    places, turns = table_of_text(centres, digits=14), table_of_text(quaternions.round(15), digits=12)
     rows = zip(names, places, turns, strict=True)
     still = "0 0 0 0 0 0"
     return "".join([f"{name} {group} 0 1 {at} {still} {turn} {still}\n" for name, at, turn in rows]).encode()
@@ -194,8 +194,8 @@ def _shapes(vertices: Floats, sizes: Bodies, skin: Rounded, density: float, bloc
         ["".join(faces[first:last]) for first, last in pairwise(cuts)],
         table_of_text((upper - lower) / 2 + radii[:, None], digits=12),
         table_of_text((upper + lower) / 2, digits=12),
-        table_of_text((sizes.masses[block] / density)[:, None], digits=15),
-        table_of_text(sizes.moments[block] / sizes.masses[block][:, None], digits=15),
+        table_of_text((sizes.masses[block] / density)[:, None], digits=14),
+        table_of_text(sizes.moments[block] / sizes.masses[block][:, None], digits=14),
         strict=True,
     )
     return "".join([_SHAPE % row for row in rows]).encode()

@@ -189,9 +189,9 @@ def _world(packing: Packing, sizes: Bodies, scales: GrainUnits, *, options: SdfO
     yield _HEADER.substitute(
         name=name,
         n_grains=len(packing),
-        length=repr(scales.length),
-        mass=repr(scales.mass),
-        time=repr(scales.time),
+        length=f"{scales.length:.14g}",
+        mass=f"{scales.mass:.14g}",
+        time=f"{scales.time:.14g}",
         gravity=rows_of_text(options.gravity / scales.acceleration * down(packing), [3])[0],
         time_step=f"{options.time_step * np.sqrt(d / options.gravity) / scales.time:.9g}",
     ).encode()
@@ -250,7 +250,7 @@ def _poses(places: Floats, quaternions: Floats) -> list[str]:
     is_upright = level < 1e-9
     yaw = np.where(is_upright, 0.0, np.arctan2(m[:, 1, 0], m[:, 0, 0]))
     roll = np.where(is_upright, np.arctan2(-m[:, 1, 2], m[:, 1, 1]), np.arctan2(m[:, 2, 1], m[:, 2, 2]))
-    return table_of_text(np.column_stack([places, roll.round(15), pitch.round(15), yaw.round(15)]), digits=15)
+    return table_of_text(np.column_stack([places, roll.round(15), pitch.round(15), yaw.round(15)]), digits=14)
 
 
 def _mesh(packing: Packing, cut: Triangles, grain: int, scales: GrainUnits) -> Iterator[bytes]:
