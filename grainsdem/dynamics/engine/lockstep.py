@@ -18,7 +18,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from contextlib import AbstractContextManager
 
-    from numpy.typing import ArrayLike
+    import numpy as np
+    from numpy.typing import ArrayLike, NDArray
+
+    from grainsdem.dynamics.engine.contract import Contacts
 
 _HERE = threading.local()
 
@@ -83,6 +86,11 @@ class Lockstep:
         if error is not None:
             raise error
 
+    def fetch(self, member: Member) -> None:
+        """Copy all that the last step of a run left, contacts and warnings among it."""
+        if self._batch is not None:
+            self._batch.get_data(member.number, member.data)
+
     def _go_where_all_wait(self) -> None:
         """Step those that wait, once they are all that are left."""
         if not self._wanted or len(self._wanted) < self._active:
@@ -103,7 +111,7 @@ class Lockstep:
             ids = sorted(number for number, n in self._wanted.items() if n == n_steps)
             self._step_some(batch, ids, n_steps)
         for number in self._wanted:
-            batch.get_data(number, self._members[number].data)
+            self._members[number].take(batch.state[number])
 
     def _step_some(self, batch: Any, ids: list[int], n_steps: int) -> None:
         from mujoco.batch import SimulationError
@@ -148,10 +156,48 @@ class Member(MujocoEngine):
         super().__init__(model)
         self.number = number
         self._lockstep = lockstep
+        self._lacks_all = False
 
     def step(self, n_steps: int) -> None:
         """Go on by so many time steps together with the others, or raise `EngineError`."""
         self._lockstep.step(self, n_steps)
+        self._lacks_all = True
+
+    def take(self, state: NDArray[np.float64]) -> None:
+        """Take the state that a step led to, and no more: all that the step left is copied when it is asked for."""
+        import mujoco
+
+        mujoco.mj_setState(self.model, self.data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
+
+    def restore(self, state: NDArray[np.float64]) -> None:
+        """Go back to a state that `state` gave; warnings, and the scraps of a step that failed, are forgotten."""
+        super().restore(state)
+        self._lacks_all = False
+
+    def last_contacts(self) -> Contacts:
+        """Return the contact points of the last step, with forces as that step left them: fast, known to 10 %."""
+        self._fetch()
+        return super().last_contacts()
+
+    def accelerations(self) -> NDArray[np.float64]:
+        """Return the magnitude of each centroid's acceleration [g] in the last step, shape (n,)."""
+        self._fetch()
+        return super().accelerations()
+
+    def deepest_overlap(self) -> tuple[float, tuple[str, str]]:
+        """Return the depth [d] of the deepest overlap of the present state, and the names of the two; zero for none."""
+        self._fetch()
+        return super().deepest_overlap()
+
+    def complaint(self) -> str:
+        """Return what is wrong by MuJoCo's own account, or nothing."""
+        self._fetch()
+        return super().complaint()
+
+    def _fetch(self) -> None:
+        if self._lacks_all:
+            self._lockstep.fetch(self)
+            self._lacks_all = False
 
     def set_time_step(self, time_step: float) -> None:
         """Change the time step, and the contact stiffness that follows from it."""
