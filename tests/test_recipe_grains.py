@@ -214,7 +214,9 @@ def test_the_count_of_a_list_is_the_only_one(tmp_path):
             {"grains": {"porosity": 0.4, "mean_diameter": 1e-3, "region": ((0, 0, 0), (1, 1, 1))}},
             "corners are in metres, and this bed is scaled",
         ),
-        ({"grains": {"porosity": 0.4, "region": "hull"}}, "grains.region"),
+        ({"grains": {"porosity": 0.4, "region": "hull"}}, "grains.region: region must be .*two corners.*got 'hull'$"),
+        ({"grains": {"porosity": 0.4, "region": [[0, 0, 0], [1, 1]]}}, "grains.region: region must be .*three numbers"),
+        ({"seeds": {"process": "cluster", "spread": 1, "parents": 0}}, "seeds.parents: .* equal to 1, or .*; got 0$"),
     ],
 )
 def test_combinations_without_a_meaning_get_one_clear_error(tables, words):

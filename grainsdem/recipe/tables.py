@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Self
@@ -172,7 +173,7 @@ def make(**tables: Any) -> Recipe:
     try:
         return Recipe.model_validate(tables)
     except ValidationError as error:
-        raise InputError("; ".join(_explain(item) for item in error.errors())) from error
+        raise InputError("; ".join(_explain(items) for items in _by_key(error.errors()))) from error
 
 
 def _table_at(path: Sequence[Any]) -> type[Table]:
@@ -181,14 +182,29 @@ def _table_at(path: Sequence[Any]) -> type[Table]:
     return tables.get(".".join(map(str, path)), Recipe)
 
 
-def _explain(item: Any) -> str:
-    """Return one of pydantic's errors as a line that says where, what was given and what is allowed."""
+_KIND = re.compile(r"(constrained-)?(str|int|float|bool)|(literal|tuple|list)\[.*|function-.*")
+"""What pydantic puts behind a key that takes values of several kinds."""
+
+
+def _by_key(items: list[Any]) -> list[list[Any]]:
+    """Return pydantic's errors by the key that they are of: a value of several kinds has one for each kind."""
+    found: dict[tuple[Any, ...], list[Any]] = {}
+    for item in items:
+        key = tuple(part for part in item["loc"] if not _KIND.fullmatch(str(part)))
+        found.setdefault(key, []).append({**item, "loc": key})
+    return list(found.values())
+
+
+def _explain(items: list[Any]) -> str:
+    """Return pydantic's errors of one key as a line that says where, what was given and what is allowed."""
+    item = items[0]
     where = ".".join(str(part) for part in item["loc"]) or "recipe"
     if item["type"] == "extra_forbidden":
         allowed = _table_at(item["loc"][:-1]).model_fields
         return f"{where}: unknown key; allowed are {', '.join(allowed)}"
-    message = item["msg"].removeprefix("Value error, ")
     if item["type"] == "missing":
         return f"{where}: missing"
+    messages = [item["msg"].removeprefix("Value error, ") for item in items]
+    message = ", or ".join([messages[0], *(text.removeprefix("Input should be ") for text in messages[1:])])
     shown = f"; got {item['input']!r}" if not isinstance(item["input"], dict) else ""
     return f"{where}: {message[0].lower()}{message[1:]}{shown}"

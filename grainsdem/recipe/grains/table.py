@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from grainsdem.errors import InputError
 from grainsdem.model import QUARTZ_DENSITY
@@ -25,6 +25,11 @@ VOIDS = ("porosity", "solid_fraction", "void_ratio", "scale", "gap", "relation")
 
 _GROWTHS = 60
 """How often an interval is halved, or a bound doubled, on the way to a size."""
+
+
+def _is_corner(value: Any) -> bool:
+    is_three = isinstance(value, list | tuple) and len(value) == 3
+    return is_three and all(isinstance(x, int | float) for x in value)
 
 
 class ThroatsTable(Table):
@@ -94,6 +99,14 @@ class GrainsTable(Table):
     density: Positive = QUARTZ_DENSITY
     throats: ThroatsTable | None = None
     sizes: SizesTable | None = None
+
+    @field_validator("region", mode="before")
+    @classmethod
+    def _known_region(cls, value: Any) -> Any:
+        is_box = isinstance(value, list | tuple) and len(value) == 2
+        if value not in ("cells", "domain") and not (is_box and all(map(_is_corner, value))):
+            raise ValueError("region must be 'cells', 'domain' or the two corners of a box, three numbers each")
+        return value
 
     @model_validator(mode="after")
     def _one_void(self) -> Self:
