@@ -70,8 +70,8 @@ def section_figure(
     factor, unit = length_unit(0.1 * longest)
     largest = factor * max((float(table["diameter"].max(initial=0.0)) for table in tables), default=0.0)
     side = 5.2 if len(panels) == 1 else 3.1
-    size = (side * n_columns + (1.0 if color_by == "diameter" else 0.2), side * n_rows + 0.2)
-    with drawing(target, size, dpi=200 if len(panels) == 1 else 150) as figure:
+    size = (side * n_columns + (1.0 if color_by == "diameter" else 0.2), (side + 0.3 * bool(titles)) * n_rows)
+    with drawing(target, size, dpi=180 if len(panels) == 1 else 110) as figure:
         axes = figure.subplots(n_rows, n_columns, squeeze=False).ravel()
         for axis in axes[len(panels) :]:
             axis.set_axis_off()
