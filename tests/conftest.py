@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import shutil
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -28,6 +31,44 @@ def program():
         return path
 
     return find
+
+
+@pytest.fixture(scope="session")
+def environment(request):
+    """A function that returns the Python of an environment with packages that ours cannot have, made once a checkout.
+
+    Where CI demands all clients, one that cannot be made is a failure.
+    """
+
+    def find(name, *packages):
+        mark = hashlib.sha256(" ".join(packages).encode()).hexdigest()[:12]
+        folder = request.config.cache.mkdir(f"environment-{name}-{mark}")
+        python, ready = folder / "bin" / "python", folder / "ready"
+        if not ready.is_file():
+            commands = [
+                [sys.executable, "-m", "venv", "--clear", folder],
+                [python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *packages],
+            ]
+            try:
+                for command in commands:
+                    subprocess.run(command, check=True, capture_output=True, text=True, timeout=600)
+            except (OSError, subprocess.SubprocessError) as error:
+                message = f"an environment with {', '.join(packages)} cannot be made: {getattr(error, 'stderr', error)}"
+                if os.environ.get("GRAINSDEM_CLIENTS") == "required":
+                    pytest.fail(message)
+                pytest.skip(message)
+            ready.touch()
+        return str(python)
+
+    return find
+
+
+@pytest.fixture(scope="session")
+def newton(environment):
+    """The Python of an environment with Newton, the MuJoCo 3.17 that it pins, and NVIDIA's asset validator."""
+    return environment(
+        "newton", "newton[sim]", "newton-usd-schemas>=0.6", "scipy", "usd-core<26.9", "omniverse-asset-validator"
+    )
 
 
 @pytest.fixture(scope="session")

@@ -1,7 +1,11 @@
 """MJCF: compiled and stepped by MuJoCo."""
 
+import json
 import re
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,13 +13,15 @@ import trimesh
 
 import exporters
 from exporters import mjcf
+from exporters.check import shapes_of
 from exporters.mjcf import MjcfOptions
 from grainsdem.errors import InputError
-from grainsdem.geometry.integrals import integrate
+from grainsdem.geometry.integrals import integrate, volumes
 from grainsdem.geometry.rotations import random_quaternions, to_matrices, world_vertices
 from grainsdem.geometry.triangles import triangles
 from grainsdem.model import Domain
 from grainsdem.packing import rescale
+from grainsdem.validation import compare
 
 
 def compiled(text):
@@ -67,6 +73,149 @@ def test_mujoco_steps_the_file_without_a_warning_at_any_grain_size(poured, diame
     assert data.xpos[2:, 2].mean() < height - 0.01
     assert data.ncon > 0
     assert data.contact.dist.min() > -1e-2
+
+
+@pytest.fixture(scope="module")
+def heap(poured):
+    """The first thirty of the poured grains."""
+    return replace(
+        poured,
+        grains=shapes_of(poured.grains, 0, 30),
+        positions=poured.positions[:30],
+        quaternions=poured.quaternions[:30],
+        densities=poured.densities[:30],
+    )
+
+
+def stepped(python, path, n_steps=2000):
+    """Return what a MuJoCo of another Python says of a file."""
+    command = [python, str(Path(__file__).with_name("mujoco_client.py")), str(path), str(n_steps)]
+    run = subprocess.run(command, capture_output=True, text=True, check=False, cwd=path.parent)
+    assert run.returncode == 0, run.stderr
+    return json.loads(run.stdout)
+
+
+@pytest.fixture(params=["3.17", "installed"])
+def mujoco_python(request):
+    """The Python of each MuJoCo that files are for."""
+    return request.getfixturevalue("newton") if request.param == "3.17" else sys.executable
+
+
+@pytest.mark.client
+@pytest.mark.parametrize("diameter", [0.2e-3, 1e-3, 0.1])
+def test_two_thousand_steps_end_without_a_warning_in_old_and_new_mujoco(heap, tmp_path, mujoco_python, diameter):
+    scaled = rescale(heap, diameter / mjcf.units(heap).length)
+    [path] = exporters.write(scaled, tmp_path / "bed.xml")
+    found = stepped(mujoco_python, path)
+    units = mjcf.units(scaled)
+    assert found["version"].startswith("3.17" if mujoco_python != sys.executable else "")
+    assert found["grains"] == len(heap)
+    assert found["mass"] * units.mass == pytest.approx(scaled.densities @ volumes(scaled.grains), rel=1e-6)
+    assert found["start"] == {"contacts": 0, "deepest": 0.0}
+    assert found["warnings"] == []
+    assert found["time"] == pytest.approx(20.0)
+    assert found["finite"]
+    assert found["fallen"] > 1.0
+    assert found["lowest"] > 0.2
+    assert found["deepest"] > -1e-2
+
+
+@pytest.mark.client
+@pytest.mark.parametrize("units", ["si", "mm", 0.05])
+def test_other_units_fall_as_fast_and_are_read_back_as_the_same_bed(heap, tmp_path, mujoco_python, units):
+    [path] = exporters.write(heap, tmp_path / "bed.xml", units=units)
+    length = {"si": 1.0, "mm": 1e-3}.get(units, units)
+    found = stepped(mujoco_python, path, 60)
+    assert found["warnings"] == []
+    assert found["mass"] == pytest.approx(heap.densities @ volumes(heap.grains), rel=1e-6)
+    assert found["deepest"] == 0.0
+    # In the air still: so they fell by half g t².
+    assert found["fallen"] * length == pytest.approx(0.5 * 9.81 * found["time"] ** 2, rel=0.02)
+    packing = exporters.read(path)
+    assert all(check.ok for check in compare(packing, heap, tolerance=1e-5))
+    np.testing.assert_allclose(packing.domain.upper, heap.domain.upper, rtol=1e-9)
+    np.testing.assert_allclose(packing.densities, heap.densities, rtol=1e-5)
+    assert mjcf.factors(heap, MjcfOptions(units=units)) == {"length": length, "mass": 1.0, "time": 1.0}
+
+
+@pytest.mark.client
+def test_grains_in_a_file_of_their_own_and_compiled_are_the_same_model(heap, tmp_path, mujoco_python):
+    import mujoco
+
+    paths = exporters.write(heap, tmp_path / "bed.xml", split=True, compiled=True)
+    assert [path.name for path in paths] == ["bed.xml", "bed.grains.xml", "bed.mjb"]
+    assert 'mesh="g000003"' not in paths[0].read_text()
+    whole = stepped(mujoco_python, exporters.write(heap, tmp_path / "whole.xml")[0], 200)
+    assert stepped(mujoco_python, paths[0], 200) == whole
+    if mujoco_python == sys.executable:
+        assert stepped(mujoco_python, paths[2], 200) == whole
+        assert whole["version"] == mujoco.__version__
+    assert exporters.files(heap, ".xml", split=True, compiled=True)["bed.mjb"] == paths[2].read_bytes()
+
+
+@pytest.mark.client
+def test_spheres_have_the_volume_the_mass_and_the_inertia_of_spheres(heap, tmp_path, mujoco_python):
+    [path] = exporters.write(heap, tmp_path / "bed.xml", shapes="spheres", walls="floor")
+    found = stepped(mujoco_python, path)
+    assert (found["warnings"], found["grains"]) == ([], len(heap))
+    model, _ = compiled(path.read_text())
+    units, sizes = mjcf.units(heap), volumes(heap.grains)
+    for i in range(len(heap)):
+        radius = model.geom(f"g{i:06d}").size[0]
+        assert 4 / 3 * np.pi * radius**3 * units.length**3 == pytest.approx(sizes[i], rel=1e-6)
+        mass = model.body(f"g{i:06d}").mass[0]
+        assert np.allclose(model.body(f"g{i:06d}").inertia, 0.4 * mass * radius**2, rtol=1e-6)
+
+
+@pytest.mark.client
+def test_discs_of_a_planar_bed_have_the_area_of_its_prisms(cube):
+    slab = replace(cube, domain=Domain.slab((4.0, 4.0), 2.0), positions=np.array([[2.0, 2.0, 1.0]]))
+    model, _ = compiled(mjcf.text(slab, MjcfOptions(shapes="spheres")))
+    radius = model.geom("g000000").size[0] * mjcf.units(slab).length
+    assert np.pi * radius**2 == pytest.approx(4.0, rel=1e-6)
+
+
+@pytest.mark.client
+@pytest.mark.parametrize("colour", ["id", "diameter", "array"])
+def test_colours_go_from_dark_blue_to_yellow_along_what_was_asked_for(fresh, colour):
+    numbers = np.linspace(5.0, -5.0, len(fresh))
+    options = MjcfOptions(colour=numbers if colour == "array" else colour)
+    model, _ = compiled(mjcf.text(fresh, options))
+    colours = np.array([model.geom(f"g{i:06d}").rgba[:3] for i in range(len(fresh))])
+    sizes = volumes(fresh.grains)
+    first, last = {"id": (0, -1), "diameter": (sizes.argmin(), sizes.argmax()), "array": (-1, 0)}[colour]
+    assert np.allclose(colours[[first, last]], [(0.267, 0.005, 0.329), (0.993, 0.906, 0.144)], atol=1e-3)
+
+
+@pytest.mark.client
+def test_the_file_begins_in_a_state_by_name_and_has_a_camera_and_a_light(fresh):
+    import mujoco
+
+    model, data = compiled(mjcf.text(fresh, MjcfOptions(keyframe="as <made>")))
+    before = data.qpos.copy()
+    mujoco.mj_step(model, data)
+    assert not np.array_equal(data.qpos, before)
+    mujoco.mj_resetDataKeyframe(model, data, model.key("as <made>").id)
+    assert np.array_equal(data.qpos, before)
+    assert (model.ncam, model.nlight) == (1, 1)
+    assert model.cam("view").id == model.light("sun").id == 0
+    assert compiled(mjcf.text(fresh, MjcfOptions(keyframe="")))[0].nkey == 0
+
+
+@pytest.mark.unit
+def test_where_one_stretch_of_grains_ends_makes_no_difference_to_the_text(fresh, monkeypatch):
+    from exporters import check
+
+    whole = mjcf.text(fresh)
+    monkeypatch.setattr(check, "STRETCH", 7)
+    assert mjcf.text(fresh) == whole
+
+
+@pytest.mark.unit
+def test_grains_too_small_for_si_are_refused_with_the_way_out(fresh):
+    small = rescale(fresh, 0.2e-3 / mjcf.units(fresh).length)
+    with pytest.raises(InputError, match=r"so small in units of si that .* not with units='grain'; not so: 0, 1"):
+        mjcf.text(small, MjcfOptions(units="si"))
 
 
 @pytest.mark.client
@@ -279,6 +428,11 @@ def test_files_and_write_take_the_options_as_plain_words(fresh, tmp_path):
         ({"solver": "SOR"}, "solver must be one of PGS, CG, Newton; got 'SOR'"),
         ({"walls": "lid"}, "walls must be one of box, floor, none; got 'lid'"),
         ({"iterations": 0}, "iterations must be positive"),
+        ({"units": "inch"}, "units must be si, mm, grain or a length in metres; got 'inch'"),
+        ({"units": -1.0}, "units must be positive and finite; got -1.0"),
+        ({"colour": "red"}, "colour must be one of mineral, id, diameter, or numbers; got 'red'"),
+        ({"shapes": "cubes"}, "shapes must be one of hulls, spheres; got 'cubes'"),
+        ({"keyframe": "a\nb"}, "keyframe must be a name that can be printed"),
     ],
 )
 def test_options_out_of_range_are_refused(options, message):
