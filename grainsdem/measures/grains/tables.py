@@ -120,7 +120,8 @@ def summary(packing: Packing, graph: ContactGraph | None = None) -> dict[str, An
         and None for all three where the bed is too small for one; ``d10``, ``d50``, ``d90`` by mass and
         ``mean_diameter`` by number, equal-volume [m]; ``mean_sphericity``; ``mean_neighbors``,
         grains across the faces of a grain, or None where the links are gone; ``mean_coordination``, contacts a
-        grain; ``total_mass`` [kg]; ``solid_volume`` [m³].
+        grain; ``total_mass`` [kg]; ``solid_volume`` [m³]. In a planar bed diameters are those of circles of equal
+        area and the sphericity is that of the outlines, as in `table`.
 
     Raises
     ------
@@ -133,21 +134,22 @@ def summary(packing: Packing, graph: ContactGraph | None = None) -> dict[str, An
         raise InputError("a summary needs at least one grain; the packing has none")
     if graph is not None and graph.n_grains != len(packing):
         raise ShapeError(f"the contacts must be those of the packing's {len(packing)} grains; got {graph.n_grains}")
-    rows = table(packing)
+    measured = integrate(packing.grains)
+    diameters, masses = grain_diameters(packing, measured), packing.densities * measured.volumes
     links = packing.links
-    d10, d50, d90 = percentiles(rows["diameter"], (10, 50, 90), weights=rows["mass"]).tolist()
+    d10, d50, d90 = percentiles(diameters, (10, 50, 90), weights=masses).tolist()
     return {
         "n_grains": len(packing),
         **_void(packing),
         "d10": d10,
         "d50": d50,
         "d90": d90,
-        "mean_diameter": float(rows["diameter"].mean()),
-        "mean_sphericity": float(rows["sphericity"].mean()),
+        "mean_diameter": float(diameters.mean()),
+        "mean_sphericity": float(grain_sphericities(packing, measured).mean()),
         "mean_neighbors": None if links is None else float(np.count_nonzero(links.neighbors >= 0) / len(packing)),
         "mean_coordination": None if graph is None else float(graph.coordination().mean()),
-        "total_mass": float(rows["mass"].sum()),
-        "solid_volume": float(rows["volume"].sum()),
+        "total_mass": float(masses.sum()),
+        "solid_volume": float(measured.volumes.sum()),
     }
 
 
