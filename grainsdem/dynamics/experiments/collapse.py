@@ -13,6 +13,7 @@ from grainsdem.dynamics.experiments.rig import JsonReport, Outcome, assemble, ch
 from grainsdem.dynamics.loop import Record
 from grainsdem.dynamics.mechanics import snapshot
 from grainsdem.dynamics.mechanics.slopes import Slope, directions, run_out, surface
+from grainsdem.dynamics.starting import as_spheres
 from grainsdem.errors import InputError
 
 if TYPE_CHECKING:
@@ -156,7 +157,7 @@ def collapse(
     """
     check_ranges(gravity=gravity, max_time=max_time, time_step=time_step)
     check_frictions(friction=friction, wall_friction=wall_friction)
-    start = pour(packing, rng)
+    start = pour(as_spheres(packing) if spheres else packing, rng)
     options = MjcfOptions(friction=friction, wall_friction=wall_friction, gravity=gravity, time_step=time_step)
     scene = assemble(start, options, lambda _apparatus: None, spheres=spheres)
     walls = _walls(scene)

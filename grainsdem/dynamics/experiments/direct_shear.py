@@ -22,6 +22,7 @@ from grainsdem.dynamics.experiments.rig import (
 )
 from grainsdem.dynamics.loop import Record
 from grainsdem.dynamics.mechanics import coordination, sliding_fraction, snapshot, traction
+from grainsdem.dynamics.starting import as_spheres
 from grainsdem.errors import InputError
 from grainsdem.geometry.integrals import volumes
 
@@ -195,9 +196,10 @@ def direct_shear(
     check_frictions(friction=friction, compaction_friction=compaction_friction)
     if displacement > 0.5:
         raise InputError(f"displacement must be at most half the length of the box, 0.5; got {displacement}")
-    box = ShearBox(packing, rng=rng)
+    grains = as_spheres(packing) if spheres else packing
+    box = ShearBox(grains, rng=rng)
     options = MjcfOptions(
-        friction=friction, gravity=pressure_gravity(packing, normal_stress), time_step=time_step, walls="none"
+        friction=friction, gravity=pressure_gravity(grains, normal_stress), time_step=time_step, walls="none"
     )
     scales = units(box.packing, options.gravity)
     scene = assemble(

@@ -316,7 +316,7 @@ def assemble(
     furnish : callable
         Adds the apparatus.
     spheres : bool
-        Whether each grain is replaced by the sphere of equal volume.
+        Whether the grains, which are spheres as well as polyhedra can be, are simulated as perfect ones.
 
     Raises
     ------

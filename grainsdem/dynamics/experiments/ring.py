@@ -29,6 +29,7 @@ from grainsdem.dynamics.mechanics import (
     traction,
     velocity_profile,
 )
+from grainsdem.dynamics.starting import as_spheres
 from grainsdem.geometry.integrals import volumes
 
 if TYPE_CHECKING:
@@ -212,11 +213,12 @@ def ring_shear(
     """
     check_ranges(normal_stress=normal_stress, strain=strain, inertial_number=inertial_number, time_step=time_step)
     check_frictions(friction=friction, compaction_friction=compaction_friction)
-    annulus = Annulus(packing, inner_radius, outer_radius, rng=rng)
+    grains = as_spheres(packing) if spheres else packing
+    annulus = Annulus(grains, inner_radius, outer_radius, rng=rng)
     options = MjcfOptions(
         friction=friction,
         wall_friction=0.0,
-        gravity=pressure_gravity(packing, normal_stress),
+        gravity=pressure_gravity(grains, normal_stress),
         time_step=time_step,
     )
     scales = units(annulus.packing, options.gravity)

@@ -12,6 +12,7 @@ from grainsdem.dynamics.experiments.resting import Resting, pour
 from grainsdem.dynamics.experiments.rig import JsonReport, Outcome, assemble, check_frictions, check_ranges
 from grainsdem.dynamics.loop import Record
 from grainsdem.dynamics.mechanics import snapshot
+from grainsdem.dynamics.starting import as_spheres
 from grainsdem.errors import InputError
 
 if TYPE_CHECKING:
@@ -157,7 +158,7 @@ def tilt(
     check_frictions(friction=friction, wall_friction=wall_friction)
     if max_angle > np.pi / 2:
         raise InputError(f"max_angle must be at most π/2; got {max_angle}")
-    start = pour(packing, rng)
+    start = pour(as_spheres(packing) if spheres else packing, rng)
     options = MjcfOptions(friction=friction, wall_friction=wall_friction, gravity=gravity, time_step=time_step)
     scene = assemble(start, options, lambda _apparatus: None, spheres=spheres)
     told = {"friction": friction, "wall_friction": wall_friction, "rate": rate, "max_angle": max_angle}

@@ -24,6 +24,8 @@ from grainsdem.dynamics.experiments.rig import (
 from grainsdem.dynamics.experiments.start import set_apart_in_block
 from grainsdem.dynamics.loop import Record
 from grainsdem.dynamics.mechanics import coordination, friction_angle, sliding_fraction, snapshot, stress
+from grainsdem.dynamics.mechanics.slopes import directions
+from grainsdem.dynamics.starting import as_spheres
 from grainsdem.errors import InputError
 from grainsdem.geometry.integrals import volumes
 from grainsdem.model import Domain
@@ -203,7 +205,8 @@ def triaxial(
     check_frictions(friction=friction, compaction_friction=compaction_friction)
     if strain >= 0.9:
         raise InputError(f"strain must be below 0.9, the shortening over the height; got {strain}")
-    start = packing if rng is None else set_apart_in_block(packing, rng=rng)
+    grains = as_spheres(packing) if spheres else packing
+    start = grains if rng is None else set_apart_in_block(grains, rng=rng)
     options = MjcfOptions(
         friction=friction,
         gravity=pressure_gravity(start, confining_pressure),
@@ -231,7 +234,7 @@ def triaxial(
 
 def _build(packing: Packing, options: MjcfOptions, *, spheres: bool) -> tuple[Scene, SixWalls]:
     """Return the scene and the walls around it."""
-    cell = SixWalls(packing, units(packing, options.gravity), driven=1 if packing.domain.is_planar else 2)
+    cell = SixWalls(packing, units(packing, options.gravity), driven=directions(packing)[0])
     return assemble(packing, options, cell.furnish, spheres=spheres), cell
 
 
@@ -257,8 +260,8 @@ class _Triaxial(Staged):
     def __init__(
         self, scene: Scene, cell: SixWalls, record: Record, tell: Tell | None, options: Mapping[str, Any]
     ) -> None:
-        self.cell = cell
-        self.lateral = tuple(axis for axis in cell.axes if axis != cell.driven)
+        self.cell, self.axis = cell, scene.up
+        self.lateral = tuple(axis for axis in cell.axes if axis != self.axis)
         self._volume = float(volumes(scene.source.grains).sum()) / scene.units.length**3
         super().__init__(scene, record, cell.meter(scene.engine), tell, options)
 
@@ -269,9 +272,9 @@ class _Triaxial(Staged):
             cell.hold(self.meter, engine, cell.axes, limit_speed=LIMIT_SPEED)
             return
         cell.hold(self.meter, engine, self.lateral)
-        height = float(cell.lengths(engine)[cell.driven])
+        height = float(cell.lengths(engine)[self.axis])
         for side in (0, 1):
-            self.meter.drive(f"{'xyz'[cell.driven]}{side}", -0.5 * self.rate * height * self.ramp())
+            self.meter.drive(f"{'xyz'[self.axis]}{side}", -0.5 * self.rate * height * self.ramp())
 
     def measure(self) -> TriaxialSample:
         """Return the present sample."""
@@ -286,11 +289,11 @@ class _Triaxial(Staged):
         return TriaxialSample(
             time=engine.time,
             stage=float(self.begun is not None),
-            axial_strain=1.0 - float(lengths[cell.driven] / first[cell.driven]),
+            axial_strain=1.0 - float(lengths[self.axis] / first[self.axis]),
             volumetric_strain=volume / float(np.prod(first)) - 1.0,
-            axial_stress=float(pressures[cell.driven]),
+            axial_stress=float(pressures[self.axis]),
             lateral_stress=float(pressures[lateral].mean()),
-            axial_stress_contacts=float(inner[cell.driven]),
+            axial_stress_contacts=float(inner[self.axis]),
             lateral_stress_contacts=float(inner[lateral].mean()),
             solid_fraction=self._volume / volume,
             coordination=coordination(now),
