@@ -30,6 +30,7 @@ from typing import TYPE_CHECKING, Any
 from exporters import manifest
 from exporters.formats import FORMATS, Format, find, find_for, known
 from exporters.reading import READERS, read, rounding
+from exporters.replays import replay
 from grainsdem.atomic import write_all
 from grainsdem.errors import InputError
 
@@ -42,7 +43,7 @@ if TYPE_CHECKING:
     from grainsdem.model import Packing
 
 __all__ = [
-    "FORMATS", "READERS", "Format", "files", "find", "known", "module_for", "read", "rounding", "write",
+    "FORMATS", "READERS", "Format", "files", "find", "known", "module_for", "read", "replay", "rounding", "write",
 ]  # fmt: skip
 
 

@@ -85,7 +85,7 @@ from .packing import (
     size_of,
     throat_widths,
 )
-from .storage import load, load_history, save
+from .storage import load, load_history, load_motion, save
 from .tessellation import Relaxation, relax, relaxation, sized_cells, tessellate
 from .validation import compare, validate
 
@@ -150,6 +150,7 @@ __all__ = [
     "krumbein",
     "load",
     "load_history",
+    "load_motion",
     "masses",
     "mean_coordination",
     "mean_widths",

@@ -12,7 +12,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from exporters.check import check_choice, check_name, measured
-from grainsdem.errors import InputError
+from grainsdem.errors import InputError, ShapeError
 from grainsdem.geometry.rotations import world_vertices
 from grainsdem.measures import table
 from grainsdem.ragged import owners
@@ -20,7 +20,7 @@ from grainsdem.ragged import owners
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
     from grainsdem.model import Packing
 
@@ -107,9 +107,9 @@ def files(
 
 def series(
     packing: Packing,
-    times: NDArray[np.float64],
-    positions: NDArray[np.float64],
-    quaternions: NDArray[np.float64],
+    times: ArrayLike,
+    positions: ArrayLike,
+    quaternions: ArrayLike,
     *,
     name: str = "bed",
     options: VtkOptions | None = None,
@@ -120,11 +120,11 @@ def series(
     ----------
     packing : Packing
         The grains; their poses are those of each time.
-    times : ndarray, shape (t,)
+    times : array_like, shape (t,)
         Times [s].
-    positions : ndarray, shape (t, n, 3)
+    positions : array_like, shape (t, n, 3)
         Centroids [m] at each time.
-    quaternions : ndarray, shape (t, n, 4)
+    quaternions : array_like, shape (t, n, 4)
         Rotations (w, x, y, z) at each time.
     name : str
         Name of the files without suffix.
@@ -139,20 +139,28 @@ def series(
         If positions or quaternions are not those of the packing's grains.
     """
     check_name(name)
-    if len(times) == 0:
-        raise InputError("a time series needs at least one time; got none")
+    moments = np.asarray(times, dtype=np.float64)
+    t, n = moments.size, len(packing)
+    if moments.ndim != 1 or t == 0:
+        raise InputError(f"a time series needs at least one time; got times of shape {moments.shape}")
+    places, turns = np.asarray(positions, dtype=np.float64), np.asarray(quaternions, dtype=np.float64)
+    if (places.shape, turns.shape) != ((t, n, 3), (t, n, 4)):
+        raise ShapeError(
+            f"positions must be of shape ({t}, {n}, 3) and quaternions of shape ({t}, {n}, 4), for {t} times and the "
+            f"packing's {n} grains; got {places.shape} and {turns.shape}"
+        )
     options = options or VtkOptions()
     moved = [
         replace(packing, positions=place, quaternions=turn, links=None)
-        for place, turn in zip(positions, quaternions, strict=True)
+        for place, turn in zip(places, turns, strict=True)
     ]
     for state in moved:
         measured(state)
-    digits = max(4, len(str(len(times) - 1)))
-    names = [f"{name}.{k:0{digits}d}.vtp" for k in range(len(times))]
+    digits = max(4, len(str(t - 1)))
+    names = [f"{name}.{k:0{digits}d}.vtp" for k in range(t)]
     rows = "".join(
         f'<DataSet timestep="{time!r}" part="0" file={quoteattr(file)}/>\n'
-        for time, file in zip(np.asarray(times, dtype=np.float64).tolist(), names, strict=True)
+        for time, file in zip(moments.tolist(), names, strict=True)
     )
     index = (
         '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1" byte_order="LittleEndian">\n'

@@ -18,7 +18,7 @@ import grainsdem
 from grainsdem.errors import GrainsDEMError, InputError, ValidationError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
     from grainsdem.model import ContactGraph, Packing
 
@@ -36,6 +36,7 @@ out = Console(soft_wrap=True)
 err = Console(stderr=True, soft_wrap=True)
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
 Bed = Annotated[
     Path,
@@ -146,3 +147,12 @@ def show_summary(
 def print_json(value: Any) -> None:
     """Print one JSON document."""
     sys.stdout.write(json.dumps(value, indent=2) + "\n")
+
+
+def show_files(files: Sequence[Path], *, json_: bool, quiet: bool) -> None:
+    """Name the files that were written."""
+    if json_:
+        print_json({"files": [str(path) for path in files]})
+    elif not quiet:
+        for path in files:
+            out.print(f"wrote {path}", highlight=False)

@@ -1,4 +1,4 @@
-"""Commands that hand a bed on: export, permeability, render."""
+"""Commands that hand a bed on: export, permeability, render, replay."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from typing import Annotated
 import typer
 
 import grainsdem
-from grainsdem.cli.options import Bed, Json, Quiet, app, guarded, keyed, load, out, print_json
+from grainsdem.cli.options import Bed, Force, Json, Quiet, app, guarded, keyed, load, out, print_json, show_files
+from grainsdem.errors import FileFormatError
 
 
 @app.command()
@@ -27,7 +28,7 @@ def export(
         list[str] | None,
         typer.Option(help="An option of the format, such as binary=false or contact=cap.", show_default=False),
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace files that exist.")] = False,
+    force: Force = False,
     json_: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -42,11 +43,7 @@ def export(
         for output in outputs
         for path in exporters.write(packing, output, formats=to or None, overwrite=force, **options)
     ]
-    if json_:
-        print_json({"files": [str(path) for path in files]})
-    elif not quiet:
-        for path in files:
-            out.print(f"wrote {path}", highlight=False)
+    show_files(files, json_=json_, quiet=quiet)
 
 
 @app.command()
@@ -91,3 +88,41 @@ def render(
     path = grainsdem.figures.render(load(bed), picture, color_by=color_by)
     if not quiet:
         out.print(f"wrote {path}", highlight=False)
+
+
+@app.command()
+@guarded
+def replay(
+    bed: Bed,
+    history: Annotated[Path, typer.Argument(help="The history of its motion (.h5), with frames.", show_default=False)],
+    output: Annotated[
+        Path,
+        typer.Argument(help="What to write: .gif, .webp, .pvd (ParaView), .usdc or .usda.", show_default=False),
+    ],
+    color_by: Annotated[str, typer.Option(help="What colours the grains of a .gif or .webp.")] = "id",
+    seconds: Annotated[float, typer.Option(help="How long a .gif or .webp lasts.")] = 5.0,
+    force: Force = False,
+    json_: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Show how grains moved in a run: an animation, a time series for ParaView, or USD with time samples."""
+    import exporters
+    from grainsdem.figures.motion.animations import SUFFIXES
+
+    suffix = output.suffix.lower()
+    if suffix not in (*SUFFIXES, *exporters.replays.SUFFIXES):
+        allowed = ", ".join((*SUFFIXES, *exporters.replays.SUFFIXES))
+        raise FileFormatError(f"{output}: motion is written as {allowed}; got {suffix or 'no suffix'!r}")
+    packing, motion = load(bed), grainsdem.load_motion(history)
+    times, positions, quaternions = (motion[key] for key in ("times", "positions", "quaternions"))
+    if suffix in SUFFIXES:
+        drawn = grainsdem.figures.animate(
+            packing, output, times=times, positions=positions, quaternions=quaternions, color_by=color_by,
+            seconds=seconds,
+        )  # fmt: skip
+        files = [drawn]
+    else:
+        files = exporters.replay(
+            packing, output, times=times, positions=positions, quaternions=quaternions, overwrite=force
+        )
+    show_files(files, json_=json_, quiet=quiet)

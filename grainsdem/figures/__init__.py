@@ -1,5 +1,6 @@
 """Pictures: renders, sections and planforms of packings, curves of sizes, contacts and energy. All PNG, no window."""
 
+from grainsdem.figures.motion import animate
 from grainsdem.figures.plots import coordination_histogram, energy_plot, size_histogram
 from grainsdem.figures.renders import render
 from grainsdem.figures.scene import QUANTITIES
@@ -7,6 +8,7 @@ from grainsdem.figures.seen import phase_figure, planform_figure, section_figure
 
 __all__ = [
     "QUANTITIES",
+    "animate",
     "coordination_histogram",
     "energy_plot",
     "phase_figure",

@@ -21,8 +21,8 @@ MARGIN = 0.95
 """How much of a picture the container may fill, from its middle to its borders."""
 
 
-def draw(scene: Scene, path: Path, size: tuple[int, int]) -> None:
-    """Draw a scene into a PNG file of a size in pixels."""
+def draw(scene: Scene, path: Path, size: tuple[int, int], *, fine: bool = True) -> None:
+    """Draw a scene into a PNG file of a size in pixels; ``fine`` with shade in the gaps and smooth edges."""
     import pyvista
 
     pv: Any = pyvista  # its decorators hide its signatures from type checkers
@@ -31,7 +31,7 @@ def draw(scene: Scene, path: Path, size: tuple[int, int]) -> None:
         _add_grains(pv, plotter, scene)
         bounds = np.stack([scene.lower, scene.upper], axis=1).ravel()
         plotter.add_mesh(pv.Box(bounds).extract_feature_edges(), color=GREY, line_width=1.5, lighting=False)
-        _light(pv, plotter, scene)
+        _light(pv, plotter, scene, fine=fine)
         plotter.camera_position = [EYE, (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)]
         plotter.camera.view_angle = 22.0
         plotter.reset_camera()
@@ -83,12 +83,13 @@ def _add_grains(pv: Any, plotter: Any, scene: Scene) -> None:
     )
 
 
-def _light(pv: Any, plotter: Any, scene: Scene) -> None:
+def _light(pv: Any, plotter: Any, scene: Scene, *, fine: bool) -> None:
     plotter.set_background("white")
-    # Shade in the gaps, as far as a grain reaches, tells grains apart that have one colour.
-    d = float(diameters(scene.packing.grains).mean())
-    plotter.enable_ssao(radius=0.7 * d, bias=0.02 * d, kernel_size=64, blur=True)
-    plotter.enable_anti_aliasing("ssaa")
+    if fine:
+        # Shade in the gaps, as far as a grain reaches, tells grains apart that have one colour.
+        d = float(diameters(scene.packing.grains).mean())
+        plotter.enable_ssao(radius=0.7 * d, bias=0.02 * d, kernel_size=64, blur=True)
+        plotter.enable_anti_aliasing("ssaa")
     for position, strength in LIGHTS:
         plotter.add_light(pv.Light(position=position, focal_point=(0, 0, 0), intensity=strength))
 

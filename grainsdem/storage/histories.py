@@ -182,6 +182,34 @@ def load_history(path: str | os.PathLike[str]) -> dict[str, NDArray[np.float64]]
         return result
 
 
+def load_motion(path: str | os.PathLike[str]) -> dict[str, NDArray[np.float64]]:
+    """Read the frames of a history: what `exporters.replay` and `grainsdem.figures.animate` take.
+
+    Parameters
+    ----------
+    path : str or path-like
+        A history that was written with frames.
+
+    Returns
+    -------
+    dict of str to ndarray
+        ``times`` [s], shape (t,), ``positions`` [m], shape (t, n, 3), and ``quaternions``, shape (t, n, 4).
+
+    Raises
+    ------
+    InputError
+        If it has no frame.
+    MissingFileError, FileFormatError
+        As in `load_history`.
+    """
+    history = load_history(path)
+    if "frame_times" not in history or history["frame_times"].size == 0:
+        raise InputError(f"{path}: holds no frames of grains that moved, only series: {', '.join(history)}")
+    return {
+        "times": history["frame_times"], "positions": history["positions"], "quaternions": history["quaternions"],
+    }  # fmt: skip
+
+
 def _create_series(file: h5py.File, names: list[str]) -> h5py.Dataset:
     dtype = np.dtype([(name, np.float64) for name in names])
     fill = np.full((), np.nan, dtype=dtype)

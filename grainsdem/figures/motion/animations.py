@@ -1,0 +1,179 @@
+"""Animations of a recorded motion: GIF or WebP, for pages and talks, from the pictures that `render` draws."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from grainsdem.atomic import replacing
+from grainsdem.errors import FileFormatError, InputError, ShapeError
+from grainsdem.figures.renders import painting
+from grainsdem.figures.scene import set_scene
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Callable, Iterator
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from grainsdem.figures.scene import Scene
+    from grainsdem.model import Packing
+
+SUFFIXES = (".gif", ".webp")
+"""What animations are written as."""
+
+FRAMES_PER_SECOND = 20
+"""Pictures a second: GIF counts hundredths of a second, and viewers slow down what is faster than two."""
+
+
+def animate(
+    packing: Packing,
+    path: str | os.PathLike[str],
+    *,
+    times: ArrayLike,
+    positions: ArrayLike,
+    quaternions: ArrayLike,
+    color_by: str | ArrayLike = "id",
+    size: tuple[int, int] = (640, 480),
+    seconds: float = 5.0,
+    progress: Callable[[int, int], None] | None = None,
+) -> Path:
+    """Draw a recorded motion as an animation that lasts some seconds.
+
+    Parameters
+    ----------
+    packing : Packing
+        The grains that were moved.
+    path : str or path-like
+        Ends in ``.gif`` or ``.webp``; replaced if it exists.
+    times : array_like, shape (t,)
+        When [s] each frame was recorded, growing.
+    positions : array_like, shape (t, n, 3)
+        Centroids [m] in each frame.
+    quaternions : array_like, shape (t, n, 4)
+        Rotations (w, x, y, z) in each frame.
+    color_by : {"diameter", "sphericity", "height", "id"} or array_like, shape (n,)
+        As in `render`; what a grain has at the start colours it all the time.
+    size : tuple of int
+        Width and height [pixels].
+    seconds : float
+        How long the animation lasts, whatever the time that was recorded: the frame nearest to each moment is shown.
+    progress : callable, optional
+        Called with the pictures drawn and their number.
+
+    Returns
+    -------
+    pathlib.Path
+        The file.
+
+    Raises
+    ------
+    FileFormatError
+        If the suffix is another.
+    InputError
+        If there is no frame, ``seconds`` is not positive, or as in `render`.
+    ShapeError
+        If the frames are not of the packing's grains, or times do not grow.
+    MissingPackageError
+        Where PyVista is not installed.
+    """
+    target = Path(path)
+    if target.suffix.lower() not in SUFFIXES:
+        given = target.suffix or "no suffix"
+        raise FileFormatError(f"{target}: animations are written as {' or '.join(SUFFIXES)}; got {given!r}")
+    if not (np.isfinite(seconds) and seconds > 0):
+        raise InputError(f"seconds must be positive and finite; got {seconds}")
+    moments = _checked(packing, times, positions, quaternions)
+    chosen = _even(moments, max(2, round(seconds * FRAMES_PER_SECOND)))
+    places, turns = np.asarray(positions), np.asarray(quaternions)
+    # A frame that is shown longer is one packing, drawn once.
+    moved = {
+        k: replace(packing, positions=places[k], quaternions=turns[k], links=None) for k in np.unique(chosen).tolist()
+    }
+    states = [moved[k] for k in chosen.tolist()]
+    scenes = _scenes(states, color_by)
+    with painting((2 * size[0], 2 * size[1]), fine=False) as draw, replacing(target) as temporary:
+        pictures = list(_pictures(scenes, draw, size, progress))
+        _write(pictures, temporary, target.suffix.lower(), 1000.0 * seconds / len(pictures))
+    return target
+
+
+def _checked(packing: Packing, times: ArrayLike, positions: ArrayLike, quaternions: ArrayLike) -> NDArray[np.float64]:
+    """Return the times, or raise where the record is not one of the packing."""
+    moments = np.asarray(times, dtype=np.float64)
+    t, n = moments.size, len(packing)
+    if moments.ndim != 1 or t == 0:
+        raise InputError(f"an animation needs at least one recorded frame; got times of shape {moments.shape}")
+    found = np.shape(positions), np.shape(quaternions)
+    if found != ((t, n, 3), (t, n, 4)):
+        raise ShapeError(
+            f"positions must be of shape ({t}, {n}, 3) and quaternions of shape ({t}, {n}, 4), for {t} times and the "
+            f"packing's {n} grains; got {found[0]} and {found[1]}"
+        )
+    if np.any(np.diff(moments) < 0):
+        raise ShapeError("times must grow")
+    return moments
+
+
+def _even(moments: NDArray[np.float64], n: int) -> NDArray[np.int64]:
+    """Return, for moments evenly spread over the record, the frame nearest to each."""
+    wanted = np.linspace(moments[0], moments[-1], n if moments.size > 1 else 1)
+    after = np.clip(np.searchsorted(moments, wanted), 1, max(moments.size - 1, 1))
+    before = after - 1
+    is_later = np.abs(moments[np.minimum(after, moments.size - 1)] - wanted) < np.abs(moments[before] - wanted)
+    chosen: NDArray[np.int64] = np.where(is_later, after, before)
+    return chosen
+
+
+def _scenes(states: list[Packing], color_by: str | ArrayLike) -> list[Scene]:
+    """Return what each picture shows: one outline and one scale of colours for all."""
+    first = set_scene(states[0], color_by)
+    tops = [set_scene(state, "id").upper[2] for state in (states[0], states[-1])]
+    upper = np.append(first.upper[:2], max(tops))
+    return [first._replace(packing=state, upper=upper) for state in states]
+
+
+def _pictures(
+    scenes: list[Scene],
+    draw: Callable[[Scene, Path], None],
+    size: tuple[int, int],
+    progress: Callable[[int, int], None] | None,
+) -> Iterator[Any]:
+    """Yield the pictures; a scene that is the one before is not drawn again."""
+    from PIL import Image  # noqa: PLC0415  (a fifth of a second, for animations alone)
+
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder) / "frame.png"
+        picture = None
+        before: Scene | None = None
+        for k, scene in enumerate(scenes):
+            if picture is None or before is None or scene.packing is not before.packing:
+                draw(scene, place)
+                with Image.open(place) as image:
+                    picture = image.convert("RGB").resize(size, Image.Resampling.BOX)
+            before = scene
+            if progress is not None:
+                progress(k + 1, len(scenes))
+            yield picture
+
+
+def _write(pictures: list[Any], path: Path, suffix: str, milliseconds: float) -> None:
+    """Write the pictures as one file that runs for ever."""
+    from PIL import Image  # noqa: PLC0415  (a fifth of a second, for animations alone)
+
+    if suffix == ".webp":
+        pictures[0].save(
+            path, format="WEBP", save_all=True, append_images=pictures[1:], duration=round(milliseconds), loop=0,
+            quality=80,
+        )  # fmt: skip
+        return
+    # One palette for all pictures: colours that flicker are worse than colours a little off.
+    middle = pictures[len(pictures) // 2].quantize(128, method=Image.Quantize.MEDIANCUT)
+    frames = [picture.quantize(palette=middle, dither=Image.Dither.NONE) for picture in pictures]
+    frames[0].save(
+        path, format="GIF", save_all=True, append_images=frames[1:], duration=round(milliseconds / 10) * 10, loop=0,
+    )  # fmt: skip
