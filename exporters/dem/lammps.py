@@ -64,7 +64,7 @@ fix             motion all nve/body
 fix             weight all gravity 1.0 vector $down
 $walls
 compute         turn all property/atom quatw quati quatj quatk
-dump            grains all custom $$(ceil((v_steps+1)/100)) $name.dump id mass x y z c_turn[1] c_turn[2] c_turn[3] c_turn[4]
+dump            grains all custom $$(ceil((v_steps+1)/100)) $name.dump id mass x y z c_turn[*]
 dump_modify     grains sort id
 thermo_style    custom step atoms pe ke
 thermo          $$(ceil((v_steps+1)/20))

@@ -1,4 +1,8 @@
-"""Yade: a script that builds the scene, and the grains beside it as arrays of NumPy. Yade has no file format."""
+"""Yade: a script that builds the scene, and the grains beside it as arrays of NumPy. Yade has no file format.
+
+In grain units (`exporters.units`) unless SI is asked for: Yade's own tolerances are lengths and areas, and blur the
+normals of contacts between grains of a millimetre.
+"""
 
 from __future__ import annotations
 
@@ -10,19 +14,20 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from exporters.check import check_choice, check_positive
-from exporters.dem.bodies import bodies
+from exporters.dem.bodies import bodies, vertices_in
 from exporters.dem.scene import WALLS, check_word, down, height, walls
 from exporters.text import rows_of_text
-from grainsdem.geometry.rotations import to_matrices, world_vertices
+from exporters.units import GrainUnits, units_of
+from grainsdem.geometry.rotations import world_vertices
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from exporters.dem.bodies import Bodies
     from grainsdem.model import Packing
 
 _SCRIPT = Template('''\
-"""$name: $n_grains grains in SI, body 7 is grain 7; the walls come after them.
+"""$name: $n_grains grains, body 7 is grain 7; the walls come after them.
+
+Length 1 = $length m, mass 1 = $mass kg, time 1 = $time s.
 
 yade $name.py               shows the scene, ready to run $steps steps
 yade -n -x $name.py         builds it and ends
@@ -36,7 +41,7 @@ bed = numpy.load("$name.npz")
 
 
 def material(density):
-    """Return the material of a density; kn is half of young and in N/m3."""
+    """Return the material of a density; a contact has half of young, a force over a volume."""
     made = PolyhedraMat()
     made.density = float(density)
     made.young = $young
@@ -47,10 +52,13 @@ def material(density):
 
 materials = {density: material(density) for density in numpy.unique(bed["densities"])}
 vertices = numpy.split(bed["vertices"], bed["vertex_offsets"][1:-1])
-for points, centre, mass, density in zip(vertices, bed["centres"], bed["masses"], bed["densities"]):
-    # Vertices stand about the centre of mass, along the world's axes.
+for grain, points in enumerate(vertices):
+    mass, density = bed["masses"][grain], bed["densities"][grain]
+    w, x, y, z = map(float, bed["orientations"][grain])
+    # Vertices stand about the centre of mass, along principal axes: below a millimetre Yade does not find those.
     body = polyhedra_utils.polyhedra(materials[density], v=[Vector3(*map(float, point)) for point in points])
-    body.state.pos = Vector3(*map(float, centre))
+    body.state.pos = Vector3(*map(float, bed["centres"][grain]))
+    body.state.ori = Quaternion(w, x, y, z) * body.state.ori
     body.state.inertia = body.state.inertia * (float(mass) / body.state.mass)
     body.state.mass = float(mass)
     O.bodies.append(body)
@@ -83,6 +91,8 @@ class YadeOptions:
 
     Parameters
     ----------
+    units : {"grain", "si"}
+        Grain units, where the median diameter, the density and gravity are one, or SI.
     friction : float
         Coefficient of friction [1], among grains and with walls.
     damping : float
@@ -90,8 +100,8 @@ class YadeOptions:
     gravity : float
         Acceleration [m/s²].
     depth : float
-        Overlap of a grain that has fallen from the top of the bed onto a face, in median diameters. The stiffness and
-        the time step follow from it: a tenth of the depth takes three times the steps.
+        Overlap of a grain that has fallen from the top of the bed onto a face, in median diameters; corners go a few
+        times as deep. The stiffness and the time step follow from it: a tenth of the depth takes ten times the steps.
     duration : float
         Time to simulate, in units of √(d/g), d being the median diameter.
     walls : {"box", "floor", "none"}
@@ -103,6 +113,7 @@ class YadeOptions:
         If a number is out of range or a word is not one of those allowed.
     """
 
+    units: Literal["grain", "si"] = "grain"
     friction: float = 0.5
     damping: float = 0.3
     gravity: float = 9.81
@@ -115,13 +126,14 @@ class YadeOptions:
             check_positive(name, getattr(self, name))
         for name in ("friction", "damping"):
             check_positive(name, getattr(self, name), or_zero=True)
+        check_choice("units", self.units, ("grain", "si"))
         check_choice("walls", self.walls, WALLS)
 
 
 Options = YadeOptions
 
 LOSES = (
-    "Faces are those of the vertices' convex hull, which Yade finds itself, as it does principal axes.",
+    "Faces are those of the vertices' convex hull, which Yade finds itself.",
     "Periodic axes become walls.",
 )
 """What the format does not carry."""
@@ -142,13 +154,27 @@ def files(
     check_word(name)
     options = options or YadeOptions()
     sizes = bodies(packing)
+    scales = _scales(packing, sizes, options)
     return {
-        f"{name}{suffix}": _script(packing, sizes, options, name).encode(),
-        f"{name}.npz": _arrays(packing, sizes, options),
+        f"{name}{suffix}": _script(packing, sizes, scales, options, name).encode(),
+        f"{name}.npz": _arrays(packing, sizes, scales, options),
     }
 
 
-def _script(packing: Packing, sizes: Bodies, options: YadeOptions, name: str) -> str:
+def factors(packing: Packing, options: YadeOptions) -> dict[str, float]:
+    """Return the factors from the file's units to SI: lengths in m, masses in kg, times in s."""
+    scales = _scales(packing, bodies(packing), options)
+    return {"length": scales.length, "mass": scales.mass, "time": scales.time}
+
+
+def _scales(packing: Packing, sizes: Bodies, options: YadeOptions) -> GrainUnits:
+    """Return the units of the file."""
+    if options.units == "si":
+        return GrainUnits(1.0, 1.0, 1.0)
+    return units_of(sizes.volumes, packing.densities, options.gravity)
+
+
+def _script(packing: Packing, sizes: Bodies, scales: GrainUnits, options: YadeOptions, name: str) -> str:
     """Return the script."""
     d = float(np.median(sizes.diameters))
     drop = height(packing, world_vertices(packing))
@@ -158,39 +184,37 @@ def _script(packing: Packing, sizes: Bodies, options: YadeOptions, name: str) ->
     young = 4 * float(sizes.masses.max()) * options.gravity * drop / (face * (options.depth * d) ** 2)
     time_step = 0.1 * float(np.sqrt(sizes.masses.min() / (young / 2 * np.pi / 4 * d**2)))
     return _SCRIPT.substitute(
+        {key: f"{getattr(scales, key):.14g}" for key in ("length", "mass", "time")},
         name=name,
         n_grains=len(packing),
         steps=round(options.duration * np.sqrt(d / options.gravity) / time_step),
-        young=f"{young:.9g}",
+        young=f"{young / scales.force * scales.length**3:.9g}",
         friction_angle=f"{np.arctan(options.friction):.9g}",
-        reach=f"{0.05 * d:.9g}",
+        reach=f"{0.05 * d / scales.length:.9g}",
         damping=f"{options.damping:.9g}",
-        gravity=rows_of_text(options.gravity * down(packing), [3])[0].replace(" ", ", "),
-        time_step=f"{time_step:.9g}",
+        gravity=rows_of_text(options.gravity / scales.acceleration * down(packing), [3])[0].replace(" ", ", "),
+        time_step=f"{time_step / scales.time:.9g}",
     )
 
 
-def _arrays(packing: Packing, sizes: Bodies, options: YadeOptions) -> bytes:
+def _arrays(packing: Packing, sizes: Bodies, scales: GrainUnits, options: YadeOptions) -> bytes:
     """Return the grains and the walls as one file of arrays; NumPy writes the same bytes for the same arrays."""
-    grains = packing.grains
-    counts = np.diff(grains.vertex_offsets)
-    about = grains.vertices - np.repeat(sizes.centroids, counts, axis=0)
-    turned: NDArray[np.float64] = np.einsum(
-        "nij,nj->ni", np.repeat(to_matrices(packing.quaternions), counts, axis=0), about
-    )
     container = walls(packing, world_vertices(packing), options.walls)
+    seen = vertices_in(packing.grains, sizes.centroids, sizes.axes, sizes.diameters)
     file = io.BytesIO()
     np.savez(
         file,
         ids=np.arange(len(packing)),
-        vertices=turned,
-        vertex_offsets=grains.vertex_offsets,
-        centres=sizes.centres,
-        masses=sizes.masses,
-        densities=packing.densities,
-        positions=packing.positions,
+        vertices=seen / scales.length,
+        vertex_offsets=packing.grains.vertex_offsets,
+        centres=sizes.centres / scales.length,
+        orientations=sizes.orientations,
+        masses=sizes.masses / scales.mass,
+        densities=packing.densities / scales.density,
+        positions=packing.positions / scales.length,
         quaternions=packing.quaternions,
-        walls=container.plates(float(np.median(sizes.diameters))),
+        walls=container.plates(2 * float(np.median(sizes.diameters))) / scales.length,
         wall_names=np.array(container.names, dtype="U16"),
+        units=np.array([scales.length, scales.mass, scales.time]),
     )
     return file.getvalue()
