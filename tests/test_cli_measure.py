@@ -52,7 +52,7 @@ def test_measure_prints_the_distribution_with_the_best_family_first(beds, fresh)
     assert "sorted" in text
     assert all(lines.index(best) <= lines.index(family) for family in fits)
     sieved = call("measure", beds / "fresh.h5", "--distribution", "--diameter", "sieve").output
-    assert "b axis diameters" in sieved
+    assert "b axes" in sieved
 
 
 def test_measure_refuses_a_table_in_another_format_before_it_reads_the_bed(tmp_path):

@@ -139,7 +139,8 @@ def test_a_planar_bed_has_the_sizes_of_its_plane_and_no_sieves():
     domain = Domain.slab((1.0, 1.0), 0.01)
     bed = carve(tessellate(poisson(domain, 80, rng=3), domain), keep="all")
     areas = volumes(bed.grains) / 0.01
-    found = size_distribution(bed)["by_number"]["percentiles"]["d50"]
-    assert found == pytest.approx(np.median(np.sqrt(4 * areas / np.pi)))
+    found = size_distribution(bed)
+    assert found["diameter"] == "area"
+    assert found["by_number"]["percentiles"]["d50"] == pytest.approx(np.median(np.sqrt(4 * areas / np.pi)))
     with pytest.raises(InputError, match="no sieve diameters"):
         size_distribution(bed, diameter="sieve")

@@ -197,7 +197,7 @@ def size_distribution(
     Returns
     -------
     dict
-        ``diameter``; ``n_grains``; ``by_number`` and ``by_volume``, each as `SizeStatistics.to_dict` has it; ``fits``,
+        ``diameter``, which is ``"area"`` in a planar bed; ``n_grains``; ``by_number`` and ``by_volume``, each as `SizeStatistics.to_dict` has it; ``fits``,
         for each family what `SizeFit.to_dict` has, or None where the grains are too few or all of one size.
 
     Raises
@@ -218,7 +218,7 @@ def size_distribution(
     except InputError:  # too few, or all of one size
         fits = None
     return {
-        "diameter": diameter,
+        "diameter": "area" if packing.domain.is_planar else diameter,
         "n_grains": len(packing),
         "by_number": size_statistics(sizes).to_dict(),
         "by_volume": size_statistics(sizes, weights=volumes(packing.grains)).to_dict(),
