@@ -197,8 +197,9 @@ def size_distribution(
     Returns
     -------
     dict
-        ``diameter``, which is ``"area"`` in a planar bed; ``n_grains``; ``by_number`` and ``by_volume``, each as `SizeStatistics.to_dict` has it; ``fits``,
-        for each family what `SizeFit.to_dict` has, or None where the grains are too few or all of one size.
+        ``diameter``, which is ``"area"`` in a planar bed; ``n_grains``; ``by_number`` and ``by_volume``, each as
+        `SizeStatistics.to_dict` has it; ``fits``, for each family what `SizeFit.to_dict` has, or None where the grains
+        are too few or all of one size.
 
     Raises
     ------
