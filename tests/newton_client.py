@@ -1,4 +1,4 @@
-"""Load a stage into Newton, step it with MuJoCo's solver, and say as JSON what bodies it made of it."""
+"""Load stages into Newton, step them with MuJoCo's solver, and say as JSON what bodies it made of them."""
 
 import json
 import sys
@@ -10,8 +10,8 @@ import numpy as np
 import warp
 
 
-def main(path, n_steps, time_step, result):
-    warp.config.quiet = True
+def moved(path, n_steps, time_step):
+    """Return what a stage was taken for, and how far its bodies fell."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         builder = newton.ModelBuilder()
@@ -25,7 +25,7 @@ def main(path, n_steps, time_step, result):
         solver.step(before, after, control, None, time_step)
         before, after = after, before
     end = before.body_q.numpy()[:, :3]
-    found = {
+    return {
         "version": newton.__version__,
         "names": list(model.body_label if hasattr(model, "body_label") else model.body_key),
         "masses": model.body_mass.numpy().tolist(),
@@ -36,9 +36,14 @@ def main(path, n_steps, time_step, result):
         "finite": bool(np.isfinite(end).all()),
         "warnings": [str(each.message) for each in caught],
     }
+
+
+def main(tasks, result):
+    warp.config.quiet = True
+    found = [moved(*task) for task in tasks]
     # Into a file: Newton itself prints to the screen.
     Path(result).write_text(json.dumps(found), encoding="utf-8")
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], int(sys.argv[2]), float(sys.argv[3]), sys.argv[4])
+    main(json.loads(sys.argv[1]), sys.argv[2])

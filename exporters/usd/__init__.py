@@ -98,7 +98,10 @@ class UsdOptions:
 
 Options = UsdOptions
 
-LOSES = ("Points are in single precision about each grain's centre, masses and inertias in single precision.",)
+LOSES = (
+    "Points are in single precision about each grain's centre, masses and inertias in single precision.",
+    "Periodic axes become walls; there are no others.",
+)
 """What the format does not carry."""
 
 
