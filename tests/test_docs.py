@@ -1,0 +1,43 @@
+"""The pages of the documentation: what they point to is there, and pictures are light."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.unit
+
+ROOT = Path(__file__).parent.parent
+PAGES = sorted((ROOT / "docs").rglob("*.md"))
+FIGURES = ("02", "03_12", "05", "06", "07", "08", "09", "10_11", "13", "14", "15")
+
+
+def targets(page):
+    """Files that a page links to or shows, relative to itself."""
+    found = re.findall(r"""(?:\]\(|src="|href=")([^)"#\s]+)""", page.read_text(encoding="utf-8"))
+    return [page.parent / target for target in found if "://" not in target]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_what_a_page_points_to_is_there(page):
+    missing = [str(target.relative_to(ROOT)) for target in targets(page) if not target.exists()]
+    assert missing == []
+
+
+def test_the_gallery_shows_every_figure_of_the_paper_and_its_script():
+    shown = {target.resolve() for target in targets(ROOT / "docs" / "gallery.md")}
+    for number in FIGURES:
+        piece = ROOT / "docs" / "gallery" / f"figure_{number}.md"
+        assert piece.resolve() in shown
+        scripts = re.findall(r"`python (examples/\S+\.py)", piece.read_text(encoding="utf-8"))
+        assert scripts
+        assert all((ROOT / script).exists() for script in scripts)
+
+
+def test_pictures_of_the_gallery_are_light_and_all_of_them_are_shown():
+    pictures = {path.resolve() for path in (ROOT / "docs" / "images" / "gallery").glob("*.png")}
+    shown = {target.resolve() for page in PAGES for target in targets(page)}
+    assert {path.name for path in pictures - shown} == set()
+    assert {path.name for path in pictures if path.stat().st_size > 150_000} == set()
