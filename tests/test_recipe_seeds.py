@@ -120,6 +120,15 @@ def test_haltons_sequence_is_the_same_at_every_rng_unless_it_is_shifted(folder):
     assert (shifted[0] != shifted[1]).all()
 
 
+def test_haltons_bases_are_two_in_a_slab_and_three_in_a_box(folder):
+    flat = sow(folder, {"count": 30, "bases": [5, 7], "start": 4}, domain=SLAB)
+    np.testing.assert_array_equal(flat[:, :2], points.halton(gd.Domain.cube(), 30, bases=(5, 7, 11), start=4)[:, :2])
+    with pytest.raises(InputError, match=r"three whole numbers .* got \(5, 7\)"):
+        sow(folder, {"count": 30, "bases": [5, 7]})
+    with pytest.raises(InputError, match=r"seeds\.bases: .*at most 3 items"):
+        recipes.make(seeds={"count": 30, "bases": [2, 3, 5, 7]}, grains=GRAINS)
+
+
 def test_counts_may_be_left_to_chance(folder):
     for options in (
         {"process": "poisson", "count": 80, "exact": False},
@@ -172,7 +181,7 @@ def test_the_number_of_strauss_points_follows_from_the_size_of_grains():
         ({"process": "strauss", "count": 5}, "process 'strauss' needs distance and inhibition"),
         ({"process": "strauss", "count": 5, "distance": 0.1}, "process 'strauss' needs distance and inhibition"),
         ({"process": "poisson", "count": 5, "spread": 0.1}, "process 'poisson' takes count, exact; got spread"),
-        ({"count": 5, "path": "a.txt"}, "process 'halton' takes count, bases, scramble; got path"),
+        ({"count": 5, "path": "a.txt"}, "process 'halton' takes count, bases, start, scramble; got path"),
         ({"process": "image", "count": 5}, "process 'image' needs path"),
         ({"process": "file", "path": "a.txt", "count": 5}, "process 'file' needs path, and no count"),
         ({"process": "cluster", "count": 5, "spread": 0.1}, "two of count, parents and children; give parents or"),

@@ -8,6 +8,7 @@ References
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,6 +17,8 @@ from grainsdem.errors import InputError
 from grainsdem.points.poisson import check_count, place
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from grainsdem.model import Domain
@@ -25,7 +28,7 @@ def halton(
     domain: Domain,
     n: int,
     *,
-    bases: tuple[int, int, int] = (2, 3, 5),
+    bases: Sequence[int] = (2, 3, 5),
     start: int = 1,
     rng: np.random.Generator | int | None = None,
 ) -> NDArray[np.float64]:
@@ -37,8 +40,9 @@ def halton(
         Where the seeds lie.
     n : int
         Number of seeds, at least 1.
-    bases : tuple of int
-        One base for each axis, at least 2 and without a common factor; primes as a rule.
+    bases : sequence of int
+        One base for each axis, at least 2 and without a common factor; primes as a rule. In a planar domain two will
+        do, and a third goes unused.
     start : int
         Index of the first point; 0 is the corner of the domain.
     rng : numpy.random.Generator, int or None
@@ -54,14 +58,19 @@ def halton(
     Raises
     ------
     InputError
-        If ``n`` is below 1, ``start`` below 0, or the bases are not three coprime numbers above 1.
+        If ``n`` is below 1, ``start`` below 0, or the bases are not a coprime number above 1 for each axis.
     """
     check_count(n)
     if start < 0:
         raise InputError(f"start must be 0 or more; got {start}")
-    if len(bases) != 3 or min(bases) < 2 or np.lcm.reduce(bases) != np.prod(bases):
-        raise InputError(f"bases must be three whole numbers above 1 without a common factor; got {tuple(bases)}")
-    shift = None if rng is None else np.random.default_rng(rng).random(3)
+    if (
+        len(bases) not in ((2, 3) if domain.is_planar else (3,))
+        or min(bases) < 2
+        or math.lcm(*bases) != math.prod(bases)
+    ):
+        allowed = "two or three" if domain.is_planar else "three"
+        raise InputError(f"bases must be {allowed} whole numbers above 1 without a common factor; got {tuple(bases)}")
+    shift = None if rng is None else np.random.default_rng(rng).random(len(bases))
     kept: list[NDArray[np.float64]] = []
     # One pass fills a box; where planes cut it, the sequence goes on until enough of it lies inside.
     while sum(map(len, kept)) < n:

@@ -42,8 +42,9 @@ class SeedsTable(Table):
     fit, bounds : bool, two corners
         Whether points of a file are scaled into the domain, and the box in their unit that becomes the domain; the
         bounds alone will do (`points.scaled`).
-    bases, scramble : three ints, {"none", "shift"}
-        Of Halton's sequence, which is the same at every ``rng`` unless it is shifted at random.
+    bases, start, scramble : three ints, int, {"none", "shift"}
+        Of Halton's sequence (`points.halton`): a base for each axis, two in a slab, and the number of the first point.
+        It is the same at every ``rng`` unless it is shifted at random.
     exact : bool
         Whether Poisson's count is what is asked for, or so on the average.
     parents, children, spread, walls : int or str, float, float, {"clip", "reflect", "periodic"}
@@ -70,7 +71,8 @@ class SeedsTable(Table):
     path: str | None = None
     fit: bool = False
     bounds: tuple[Corner, Corner] | None = None
-    bases: tuple[int, int, int] = (2, 3, 5)
+    bases: Annotated[tuple[int, ...], Field(min_length=2, max_length=3)] = (2, 3, 5)
+    start: Annotated[int, Field(ge=0)] = 1
     scramble: Literal["none", "shift"] = "none"
     exact: bool = True
     parents: Count | str | None = None
@@ -138,7 +140,7 @@ class _Keys(NamedTuple):
 _CONTRAST = ("gain", "cutoff", "threshold", "floor")
 _DEFAULTS = {name: field.default for name, field in SeedsTable.model_fields.items()}
 _KEYS: dict[str, _Keys] = {
-    "halton": _Keys((), ("bases", "scramble")),
+    "halton": _Keys((), ("bases", "start", "scramble")),
     "poisson": _Keys((), ("exact",)),
     "cluster": _Keys(("spread",), ("parents", "children", "walls")),
     "strauss": _Keys(("distance", "inhibition"), ()),
