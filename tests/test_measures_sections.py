@@ -91,6 +91,17 @@ def test_the_plane_across_a_cubes_diagonal_cuts_a_regular_hexagon(cube):
 
 
 @pytest.mark.unit
+def test_a_plane_through_the_domains_own_corners_has_a_clean_outline():
+    packing = cube_packing([[2, 2, 2], [0.5, 2.5, 2.5]], half=0.5, domain=Domain.cube(4.0))
+    for plane, corners in (([1, 1, 1, 4], 3), ([1, 1, 1, 6], 6), ([1, -1, 0, 0], 4), ([1, 2, 3, 12], 4)):
+        found = section(packing, plane=plane)
+        assert len(found.outline) == corners
+        assert np.isfinite(section_table(found)["area_inside"]).all()
+    (whole, _) = section_table(section(packing, plane=[1, 1, 1, 5.6]))
+    assert whole["area_inside"] == pytest.approx(whole["area"], rel=1e-12)
+
+
+@pytest.mark.unit
 def test_a_plane_through_corners_and_edges_cuts_clean_polygons():
     octahedron = place(solid("octahedron", edge=np.sqrt(2)), [[2, 2, 2]], domain=Domain.cube(4.0))
     (row,) = section_table(section(octahedron, z=2.0))

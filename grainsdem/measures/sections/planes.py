@@ -178,4 +178,6 @@ def cut_domain(domain: Domain, frame: Floats, distance: float) -> Floats:
         corners = np.array(kept).reshape(-1, 2)
         if len(corners) == 0:
             break
-    return corners
+    # Walls that meet in the plane give their corner once each.
+    apart = np.abs(corners - np.roll(corners, 1, axis=0)).max(axis=1, initial=0.0) > slack
+    return corners[apart]
