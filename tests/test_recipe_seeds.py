@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import json
+import re
+from pathlib import Path
 from typing import get_args
 
 import numpy as np
@@ -15,7 +17,7 @@ from grainsdem import recipe as recipes
 from grainsdem.cli import app
 from grainsdem.cli.making import Process as NamedByTheCommandLine
 from grainsdem.errors import FileFormatError, InputError, MissingFileError
-from grainsdem.recipe.seeds import Process, place
+from grainsdem.recipe.seeds import Process, SeedsTable, place
 from grainsdem.survey import read as read_survey
 
 pytestmark = pytest.mark.unit
@@ -69,6 +71,16 @@ def toml(value):
 
 def test_every_process_has_a_name_here_and_on_the_command_line():
     assert set(SEEDS) == set(get_args(Process)) == set(get_args(NamedByTheCommandLine))
+
+
+def test_the_page_about_seeds_names_every_process_its_function_and_its_keys():
+    page = (Path(__file__).parent.parent / "docs" / "seeds.md").read_text(encoding="utf-8")
+    rows = {row.split("`")[1]: re.findall(r"`(\w+)`", row) for row in page.splitlines() if row.startswith("| `")}
+    del rows["process"]
+    assert set(rows) == set(SEEDS)
+    for _, function, *words in rows.values():
+        assert callable(getattr(points, function))
+        assert set(words) - {"scaled", "rng"} <= set(SeedsTable.model_fields)
 
 
 @pytest.mark.parametrize("process", SEEDS)
