@@ -20,6 +20,7 @@ import grainsdem.cli.checking
 import grainsdem.cli.seeing
 import grainsdem.cli.writing
 import grainsdem.cli.moving
+import grainsdem.cli.experiments
 # isort: on
 
 

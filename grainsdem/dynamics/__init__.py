@@ -14,6 +14,38 @@ An experiment is written in four steps; `settle` is the shortest example.
    pure functions of it. Give back a frozen dataclass: packing, history, report.
 """
 
+from grainsdem.dynamics.ensembles import Ensemble, ensemble
+from grainsdem.dynamics.experiments import (
+    CollapseReport,
+    DirectShearReport,
+    Outcome,
+    RingReport,
+    TiltReport,
+    TriaxialReport,
+    collapse,
+    direct_shear,
+    ring_shear,
+    tilt,
+    triaxial,
+)
 from grainsdem.dynamics.settle import Progress, Settled, SettleReport, settle
 
-__all__ = ["Progress", "SettleReport", "Settled", "settle"]
+__all__ = [
+    "CollapseReport",
+    "DirectShearReport",
+    "Ensemble",
+    "Outcome",
+    "Progress",
+    "RingReport",
+    "SettleReport",
+    "Settled",
+    "TiltReport",
+    "TriaxialReport",
+    "collapse",
+    "direct_shear",
+    "ensemble",
+    "ring_shear",
+    "settle",
+    "tilt",
+    "triaxial",
+]

@@ -66,6 +66,8 @@ class Ensemble:
     def curve(self, over: str, of: str, *, points: int = 100) -> tuple[Floats, Floats, Floats]:
         """Return the mean of a series of the histories over another one that grows, and its 95 % half width.
 
+        Where an experiment has two stages, the second one is meant, the one after compression or rest.
+
         Parameters
         ----------
         over, of : str
@@ -77,7 +79,7 @@ class Ensemble:
         -------
         x, means, half_widths : ndarray, shape (points,)
         """
-        pairs = [(outcome.history[over], outcome.history[of]) for outcome in self.outcomes]
+        pairs = [_second_stage(outcome.history, over, of) for outcome in self.outcomes]
         x = np.linspace(0.0, min(float(a.max()) for a, _ in pairs), points)
         rows = np.array([_on(x, a, b) for a, b in pairs])
         return x, rows.mean(axis=0), np.array([half_width(column) for column in rows.T])
@@ -239,7 +241,13 @@ def _json(value: float) -> float | None:
     return value if np.isfinite(value) else None
 
 
+def _second_stage(history: dict[str, NDArray[Any]], *names: str) -> tuple[Floats, ...]:
+    """Return series of a history, without its first stage where it has two."""
+    chosen = history["stage"] == 1.0 if "stage" in history else slice(None)
+    return tuple(np.asarray(history[name][chosen], dtype=float) for name in names)
+
+
 def _on(x: Floats, over: Floats, of: Floats) -> Floats:
-    """Return a series at given places of another one, which grows but for a start at rest."""
+    """Return a series at given places of another one, where that grows."""
     growing = np.flatnonzero(np.diff(np.maximum.accumulate(over), prepend=-np.inf) > 0)
     return np.asarray(np.interp(x, over[growing], of[growing]))

@@ -15,6 +15,7 @@ from grainsdem.dynamics import Settled, settle
 from grainsdem.errors import UnstableError, WriteError
 from grainsdem.measures import summary
 from grainsdem.packing import contacts
+from grainsdem.recipe.experiments import perform_all
 from grainsdem.recipe.growing import grow, stream
 from grainsdem.recipe.motion import SettleTable
 from grainsdem.recipe.words import Monitor, Silent, counting_words, settling_words, throat_widths_told
@@ -41,7 +42,8 @@ class Result:
     reports : dict of str to Report
         Validation of ``"bed"`` and ``"settled"``.
     summaries : dict of str to dict
-        Measures of both; of the bed also ``throats``, the widths [m] before and after they were changed, if they were.
+        Measures of both, and of each experiment by its name; of the bed also ``throats``, the widths [m] before and
+        after they were changed, if they were.
     files : list of Path
         Everything that was written.
     """
@@ -89,6 +91,12 @@ def run(recipe: Recipe, folder: str | os.PathLike[str], monitor: Monitor | None 
         files += _write(settled.packing, settled.contacts, folder / "settled", recipe.output, monitor)
         if recipe.output.figures:
             files.append(figures.energy_plot(settled.history, folder / "settling.png"))
+    bed = fresh if settled is None else settled.packing
+    written, measured = perform_all(
+        recipe.experiments(), bed, folder, monitor, rng=recipe.rng, with_figures=recipe.output.figures
+    )
+    files += written
+    summaries |= measured
     with replacing(folder / "summary.json") as temporary:
         temporary.write_text(json.dumps(summaries, indent=2) + "\n", encoding="utf-8")
     return Result(fresh, settled, reports, summaries, [*files, folder / "summary.json"])

@@ -7,12 +7,13 @@ import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Self
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_serializer, model_validator
 
 import exporters
 from grainsdem.errors import FileFormatError, InputError, MissingFileError, name_offenders
 from grainsdem.recipe.base import Table
 from grainsdem.recipe.domain import DomainTable
+from grainsdem.recipe.experiments.tables import CollapseTable, ShearTable, TiltTable, TriaxialTable
 from grainsdem.recipe.grains import GrainsTable, SizesTable, ThroatsTable
 from grainsdem.recipe.motion import SettleTable
 from grainsdem.recipe.seeds import SeedsTable
@@ -20,6 +21,13 @@ from grainsdem.recipe.seeds import SeedsTable
 if TYPE_CHECKING:
     import os
     from collections.abc import Sequence
+
+    from pydantic import SerializerFunctionWrapHandler
+
+    from grainsdem.recipe.experiments.tables import ExperimentTable
+
+EXPERIMENTS = "triaxial", "shear", "collapse", "tilt"
+"""The tables of experiments."""
 
 EXAMPLE = Path(__file__).parent.parent / "ottawa_sand.toml"
 """The demo's recipe: ASTM 20/30 Ottawa sand."""
@@ -59,6 +67,8 @@ class Recipe(Table):
         Seed of everything that is random.
     domain, seeds, grains, settle, output : tables
         See each.
+    triaxial, shear, collapse, tilt : tables, optional
+        Experiments on what has settled, or on what was grown where nothing settles.
     """
 
     name: str = "bed"
@@ -67,7 +77,21 @@ class Recipe(Table):
     seeds: SeedsTable
     grains: GrainsTable
     settle: SettleTable | None = None
+    triaxial: TriaxialTable | None = None
+    shear: ShearTable | None = None
+    collapse: CollapseTable | None = None
+    tilt: TiltTable | None = None
     output: OutputTable = OutputTable()
+
+    @model_serializer(mode="wrap")
+    def _without_what_is_not_done(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out experiments that the recipe has not: what beds are made of is told, and hashed, without them."""
+        told: dict[str, Any] = dump(self)
+        return {key: value for key, value in told.items() if value is not None or key not in EXPERIMENTS}
+
+    def experiments(self) -> dict[str, ExperimentTable | None]:
+        """Return the tables of experiments by their names, in the order in which they are run."""
+        return {name: getattr(self, name) for name in EXPERIMENTS}
 
     @model_validator(mode="after")
     def _two_of_three(self) -> Self:
@@ -114,6 +138,10 @@ _TABLES: dict[str, type[Table]] = {
     "seeds": SeedsTable,
     "grains": GrainsTable,
     "settle": SettleTable,
+    "triaxial": TriaxialTable,
+    "shear": ShearTable,
+    "collapse": CollapseTable,
+    "tilt": TiltTable,
     "output": OutputTable,
 }
 

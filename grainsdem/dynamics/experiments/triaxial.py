@@ -104,7 +104,8 @@ class TriaxialReport(JsonReport):
     volumetric_strain : float
         At the end, positive where the bed has dilated.
     dilatancy_angle : float
-        Steepest slope of the volumetric strain over 0.05 of axial strain, as asin(s/(2 + s)) [rad].
+        Steepest slope of the volumetric strain over 0.05 of axial strain, as asin(s/(2 + s)) [rad]; NaN where the run
+        was shorter.
     initial_solid_fraction, final_solid_fraction : float
         When shear began, and at the end.
     stress_mismatch : float
@@ -352,7 +353,8 @@ class _Triaxial(Staged):
         span, peak = highest(axial / lateral, strains, PEAK_SPAN)
         last = strains >= (1 - CRITICAL_SHARE) * strains[-1]
         at_peak = friction_angle([smooth(axial, span)[peak], smooth(lateral, span)[peak]])
-        slope = np.max((dilation[span:] - dilation[:-span]) / (strains[span:] - strains[:-span]), initial=-1.0)
+        slopes = (dilation[span:] - dilation[:-span]) / (strains[span:] - strains[:-span])
+        slope = slopes.max() if slopes.size else np.nan
         begun = self.begun or {"is_at_rest": False}
         return TriaxialReport(
             peak_friction_angle=float(at_peak),

@@ -90,7 +90,7 @@ def surface(snapshot: Snapshot, origin: Origin, *, width: float) -> Slope:
     heights = points[:, up] - packing.domain.lower[up]
     inside = distances >= 0
     n_bins = int(distances.max() / width) + 1
-    middles: Floats = (np.arange(n_bins) + 0.5) * float(width)
+    middles = np.asarray((np.arange(n_bins) + 0.5) * width, dtype=np.float64)
     tops = np.zeros(n_bins)
     bins = np.clip(distances / width, 0, n_bins - 1).astype(np.int64)
     for k in range(n_bins):

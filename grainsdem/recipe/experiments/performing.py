@@ -1,0 +1,125 @@
+"""Experiments run as their tables say, and written: packing, history, figure, and what they measured."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from grainsdem import dynamics, storage
+from grainsdem.errors import UnstableError
+from grainsdem.figures.curves import experiment_figure
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from pathlib import Path
+
+    from grainsdem.dynamics import Ensemble, Outcome
+    from grainsdem.model import Packing
+    from grainsdem.recipe.experiments.tables import ExperimentTable
+    from grainsdem.recipe.words import Monitor
+
+
+def perform(
+    table: ExperimentTable,
+    packing: Packing,
+    *,
+    rng: int,
+    history_path: Path | None = None,
+    resume: bool = False,
+    progress: Callable[[float, str], None] | None = None,
+) -> Outcome[Any]:
+    """Run the one experiment that a table describes.
+
+    Parameters
+    ----------
+    table : ExperimentTable
+        Which, and how.
+    packing : Packing
+        The grains.
+    rng : int
+        Seed, where grains start at random.
+    history_path, resume, progress
+        As for `grainsdem.dynamics.triaxial`.
+    """
+    seed = rng if table.start == "random" else None
+    function = getattr(dynamics, table.call)
+    outcome: Outcome[Any] = function(
+        packing, **table.options(), rng=seed, history_path=history_path, resume=resume, progress=progress
+    )
+    return outcome
+
+
+def perform_all(
+    tables: Mapping[str, ExperimentTable | None],
+    packing: Packing,
+    folder: Path,
+    monitor: Monitor,
+    *,
+    rng: int,
+    with_figures: bool,
+) -> tuple[list[Path], dict[str, dict[str, Any]]]:
+    """Run the experiments of a recipe, each on the same grains, and write them.
+
+    Parameters
+    ----------
+    tables : mapping of str to ExperimentTable or None
+        Those that the recipe has, by name.
+    packing : Packing
+        The grains, as grown or as settled.
+    folder : pathlib.Path
+        Where files go: of each experiment ``NAME.h5``, ``NAME_history.h5`` and ``NAME.png``; of an ensemble a folder
+        ``NAME`` of histories.
+    monitor : Monitor
+        Who is told of the progress.
+    rng : int
+        Seed; an ensemble has it and those that follow.
+    with_figures : bool
+        Whether curves are drawn.
+
+    Returns
+    -------
+    files : list of pathlib.Path
+        What was written.
+    summaries : dict of str to dict
+        What each measured, as JSON values.
+    """
+    files: list[Path] = []
+    summaries: dict[str, dict[str, Any]] = {}
+    for name, table in tables.items():
+        if table is None:
+            continue
+        with monitor.stage(name.capitalize()) as tell:
+            if table.seeds > 1:
+                runs = _repeat(table, packing, folder / name, tell, rng=rng)
+                files += [folder / name / f"{seed}.h5" for seed in runs.seeds]
+                summaries[name] = runs.to_dict()
+                continue
+            path = folder / f"{name}_history.h5"
+            outcome = _keeping(table, packing, folder / f"{name}.h5", rng=rng, history_path=path, progress=tell)
+        files += [storage.save(outcome.packing, folder / f"{name}.h5"), path]
+        summaries[name] = outcome.report.to_dict()
+        if with_figures:
+            files.append(experiment_figure(outcome.history, folder / f"{name}.png", profile=outcome.profile))
+    return files, summaries
+
+
+def _repeat(
+    table: ExperimentTable, packing: Packing, folder: Path, tell: Callable[[float, str], None], *, rng: int
+) -> Ensemble:
+    """Run an experiment with several seeds."""
+    return dynamics.ensemble(
+        getattr(dynamics, table.call),
+        packing,
+        seeds=range(rng, rng + table.seeds),
+        history_folder=folder,
+        progress=lambda done, total: tell(done / total, f"{done} of {total} runs"),
+        **table.options(),
+    )
+
+
+def _keeping(table: ExperimentTable, packing: Packing, path: Path, **options: Any) -> Outcome[Any]:
+    """Run an experiment; where it goes wrong its last good state is kept."""
+    try:
+        return perform(table, packing, **options)
+    except UnstableError as error:
+        kept = storage.save(error.last_good, path.with_name(f"{path.stem}_last_good.h5"))
+        raise UnstableError(f"{error}; it is kept in {kept}", error.last_good) from error
