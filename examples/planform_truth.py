@@ -20,7 +20,7 @@ def make(*, quick: bool, pour: bool) -> gd.Packing:
     domain = gd.Domain.box((1.4 * side, 1.4 * side, 0.5 * side), periodic=(not pour, not pour, False))
     walls = "reflect" if pour else "periodic"
     seeds = gd.points.cluster_poisson(domain, n, parents=n // 8, spread=0.8e-3, walls=walls, rng=4)
-    cells = gd.tessellate(gd.relax(seeds, domain), domain)
+    cells = gd.tessellate(gd.relax(seeds, domain, iterations=2), domain)
     # Cells at the flat top are dropped, so that the bed has a surface of its own.
     bed = gd.shrink(gd.carve(cells, keep="all" if pour else "inside"), porosity=0.35)
     return gd.settle(gd.shuffle(bed, rng=4), friction=0.5).packing if pour else bed
