@@ -142,6 +142,29 @@ def test_a_fit_on_an_edge_of_the_shape_triangle_says_so_and_is_still_a_distribut
     assert found["intervals"]["alpha"] == [None, None]
 
 
+@pytest.mark.unit
+@pytest.mark.parametrize(
+    "sizes",
+    [
+        np.repeat([1e-3, 2e-3], 50),
+        np.append(np.random.default_rng(1).normal(1e-3, 1e-5, 200), 1.0),
+        np.append(np.random.default_rng(1).normal(1e-3, 1e-5, 200), 1e-12),
+        np.geomspace(1e-9, 1e9, 100),
+        1e-3 * (1 + 1e-9 * np.random.default_rng(1).standard_normal(500)),
+        np.concatenate([np.random.default_rng(k).normal(mean, 0.05, 300) for k, mean in enumerate((1.0, 3.0))]),
+        np.linspace(1.0, 2.0, 10),
+    ],
+    ids=["two sizes", "a boulder", "dust", "eighteen decades", "nearly one", "two kinds", "ten"],
+)
+def test_odd_sizes_have_a_fit_that_is_no_less_likely_than_the_lognormal_one(sizes):
+    fit = fit_sizes(sizes)
+    assert fit.log_likelihood >= fit_sizes(sizes, "lognormal").log_likelihood - 1e-3
+    assert 0 <= abs(fit.parameters["chi"]) <= fit.parameters["xi"] <= 1
+    low, high = fit.intervals["xi"]
+    assert low <= fit.parameters["xi"] <= high
+    np.testing.assert_allclose(fit.distribution.tails(sizes), np.clip(fit.distribution.tails(sizes), 0, 1))
+
+
 @pytest.mark.property
 @pytest.mark.parametrize("factor", [1e-6, 3.0, 1e4])
 def test_the_unit_of_length_moves_the_place_of_a_fit_and_nothing_else(factor):

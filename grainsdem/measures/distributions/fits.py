@@ -175,6 +175,12 @@ class StandardFit:
         self._evaluate = over_phi(evaluate)
         self._centre, self._spread = centre, spread
         self._phi, self._top = climb_hyperbolic(self._evaluate, phi)
+        if self.edge is not None:
+            # Sizes of several kinds have several tops, of which one on an edge may not be the highest.
+            for other in (standard_start(0.0, 0.0), standard_start(0.0, 1.0)):
+                self._phi, self._top = max(
+                    (self._phi, self._top), climb_hyperbolic(self._evaluate, other), key=lambda found: found[1].value
+                )
         self._theta, self._jacobian = theta_of(self._phi)
 
     @property

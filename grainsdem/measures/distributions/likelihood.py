@@ -177,20 +177,25 @@ def profile_zeta(evaluate: Callable[[Floats], Point], phi: Floats, top: float, d
 
     bound = np.array([np.inf, np.inf, MOST_LEAN])
     latest = phi[:3].copy()
+    # Where a likelihood has several tops, a second climb may end on another: what was found stays.
+    found = {float(phi[3]): -drop}
 
     def missing(w: float) -> float:
         nonlocal latest
+        if w in found:
+            return found[w]
 
         def restricted(three: Floats) -> Point:
             point = evaluate(np.append(three, w))
             return Point(point.value, point.gradient[:3], point.curvature[:3, :3])
 
         latest, point = climb(restricted, latest, logarithms=(1, 2), lower=-bound, upper=bound)
-        return top - point.value - drop
+        found[w] = top - point.value - drop
+        return found[w]
 
     ends = []
     for sign, limit in ((-1.0, np.log(LEAST_ZETA)), (1.0, np.log(MOST_ZETA))):
-        latest, inner, step = phi[:3].copy(), phi[3], 0.1
+        latest, inner, step = phi[:3].copy(), float(phi[3]), 0.1
         while sign * (inner + sign * step - limit) < 0 and missing(inner + sign * step) <= 0:
             inner, step = inner + sign * step, 2 * step
         outer = inner + sign * step
