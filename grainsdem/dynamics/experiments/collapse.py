@@ -260,8 +260,9 @@ class _Collapse(Resting):
 
 
 def _walls(scene: Scene) -> list[str]:
-    """Return the names of the walls of the container."""
-    return [name for name in scene.engine.parts if name.startswith("wall")]
+    """Return the names of the walls of the container; in planar work the lower y wall is the floor."""
+    floor = "wall_y0" if scene.source.domain.is_planar else "floor"
+    return [name for name in scene.engine.parts if name.startswith("wall") and name != floor]
 
 
 def _origin(packing: Packing, release: list[str], walls: list[str]) -> dict[int, tuple[float, float]]:

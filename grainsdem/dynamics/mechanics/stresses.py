@@ -103,7 +103,7 @@ def _crossings(snapshot: Snapshot, axis: int, lower: float, upper: float) -> Flo
     for side in range(2):
         ids = snapshot.pairs[:, side]
         # A wall begins at the contact.
-        ends[:, side] = np.where(ids >= 0, heights[ids], snapshot.points[:, axis])
+        ends[:, side] = np.where(ids >= 0, heights[np.maximum(ids, 0)], snapshot.points[:, axis])
     cut = np.clip(ends, lower, upper)
     return np.asarray((cut[:, 1] - cut[:, 0]) / (upper - lower))
 
