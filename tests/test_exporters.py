@@ -88,7 +88,7 @@ def test_a_suffix_in_capitals_is_the_same_format_under_the_name_that_was_asked_f
 
 
 def test_an_unknown_option_is_refused_with_the_known_ones(fresh):
-    with pytest.raises(InputError, match=r"\.stl has no option friction; it has binary, origin"):
+    with pytest.raises(InputError, match=r"\.stl has no option friction; it has binary, per_grain, origin, units"):
         exporters.files(fresh, ".stl", friction=0.5)
 
 
@@ -162,8 +162,8 @@ def test_formats_that_cannot_be_written_together_are_refused(cube, tmp_path):
         exporters.write(cube, tmp_path / "out", formats=["usd", ".usdc"])
     with pytest.raises(InputError, match="at least one format; got none"):
         exporters.write(cube, tmp_path / "out", formats=[])
-    with pytest.raises(InputError, match=r"has no option colour; it has"):
-        exporters.write(cube, tmp_path / "out", formats=["mjcf", "stl"], colour=1)
+    with pytest.raises(InputError, match=r"has no option hue; it has"):
+        exporters.write(cube, tmp_path / "out", formats=["mjcf", "stl"], hue=1)
     assert not list(tmp_path.iterdir())
 
 

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import json
 import struct
 from dataclasses import replace
 
@@ -18,6 +19,7 @@ from grainsdem.geometry.integrals import volumes
 from grainsdem.geometry.rotations import world_vertices
 from grainsdem.model import Domain, Packing, Polyhedra
 from grainsdem.packing import rescale
+from grainsdem.validation import compare
 
 
 def read(content):
@@ -105,7 +107,7 @@ def test_an_edge_shorter_than_single_precision_vanishes_and_the_grain_stays_clos
     corners, _ = stl.surface(shifted)
     assert len(corners) == 6  # the pyramid that is left: two for its base, four sides
     assert is_closed(corners)
-    mesh = read(stl.files(shifted)["bed.stl"])
+    mesh = read(exporters.files(shifted, ".stl")["bed.stl"])
     assert mesh.is_watertight
     assert mesh.volume == pytest.approx(8 / 3)
 
@@ -140,7 +142,7 @@ def test_a_packing_far_from_its_origin_is_refused_and_can_be_written_from_its_do
     far = replace(fresh, positions=fresh.positions + offset, domain=domain, links=None)
     with pytest.raises(InputError, match="pass origin='domain'"):
         stl.files(far)
-    mesh = read(stl.files(far, options=StlOptions(origin="domain"))["bed.stl"])
+    mesh = read(exporters.files(far, ".stl", origin="domain")["bed.stl"])
     assert mesh.is_watertight
     world = world_vertices(fresh)
     assert np.allclose(mesh.bounds, [world.min(axis=0), world.max(axis=0)], atol=1e-9)
@@ -165,6 +167,61 @@ def test_the_ascii_of_one_cube_is_known_and_closed(cube):
 
 
 @pytest.mark.unit
-def test_an_unknown_origin_is_refused():
+def test_an_unknown_origin_or_unit_is_refused():
     with pytest.raises(InputError, match="origin must be one of world, domain; got 'centre'"):
         StlOptions(origin="centre")
+    with pytest.raises(InputError, match="units must be si, mm, grain or a length in metres; got 'inch'"):
+        StlOptions(units="inch")
+
+
+@pytest.mark.client
+@pytest.mark.parametrize("suffix", [".stl", ".obj"])
+@pytest.mark.parametrize("unit", ["mm", "grain", 0.0254])
+def test_other_units_stand_in_the_file_and_are_read_back_in_si(fresh, tmp_path, suffix, unit):
+    paths = exporters.write(fresh, tmp_path / f"bed{suffix}", units=unit)
+    length = {"mm": 1e-3, "grain": units(fresh).length}.get(unit, unit)
+    theirs = trimesh.load(paths[0], force="mesh")
+    assert theirs.volume * length**3 == pytest.approx(volumes(fresh.grains).sum(), rel=1e-5)
+    assert repr(length).encode() in paths[0].read_bytes()[:200]
+    packing = exporters.read(paths[0])
+    assert all(check.ok for check in compare(packing, fresh, tolerance=1e-5))
+    manifest = json.loads(exporters.write(fresh, tmp_path / "all", formats=[suffix], units=unit)[-1].read_text())
+    assert manifest["formats"][0]["units"]["length"] == length
+
+
+@pytest.mark.client
+def test_ascii_in_other_units_is_read_back_in_si_and_its_solids_keep_their_names(fresh, tmp_path):
+    [path] = exporters.write(fresh, tmp_path / "bed.stl", units="mm", binary=False)
+    assert all(check.ok for check in compare(exporters.read(path), fresh, tolerance=1e-5))
+    lines = path.read_text().splitlines()
+    assert lines[0] == "solid g000000 unit 0.001 m"
+    assert [line.split()[1] for line in lines if line.startswith("solid")] == [f"g{i:06d}" for i in range(len(fresh))]
+
+
+@pytest.mark.client
+@pytest.mark.parametrize("binary", [True, False])
+def test_one_file_a_grain_holds_that_grain_where_it_stands(fresh, tmp_path, binary):
+    paths = exporters.write(fresh, tmp_path / "bed.stl", per_grain=True, binary=binary, units="mm")
+    assert [path.relative_to(tmp_path).as_posix() for path in paths] == [
+        f"bed/g{i:06d}.stl" for i in range(len(fresh))
+    ]  # fmt: skip
+    whole = read(exporters.files(fresh, ".stl", binary=binary, units="mm")["bed.stl"])
+    meshes = [trimesh.load(path, force="mesh") for path in paths]
+    exact = volumes(fresh.grains)
+    for i in (0, 40, len(fresh) - 1):
+        assert meshes[i].is_watertight
+        assert meshes[i].volume * 1e-9 == pytest.approx(exact[i], rel=1e-5)
+    bounds = np.array([mesh.bounds for mesh in meshes])
+    assert np.allclose([bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)], whole.bounds)
+
+
+@pytest.mark.unit
+@pytest.mark.parametrize("suffix", [".stl", ".obj"])
+@pytest.mark.parametrize("binary", [True, False])
+def test_where_one_stretch_of_grains_ends_makes_no_difference_to_the_bytes(fresh, monkeypatch, suffix, binary):
+    from exporters import check
+
+    options = {"binary": binary} if suffix == ".stl" else {}
+    whole = exporters.files(fresh, suffix, **options)
+    monkeypatch.setattr(check, "STRETCH", 7)
+    assert exporters.files(fresh, suffix, **options) == whole

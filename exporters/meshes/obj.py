@@ -1,4 +1,4 @@
-"""Wavefront OBJ: one object a grain, in metres. Triangles, since some readers drop larger faces silently."""
+"""Wavefront OBJ: one object a grain. Triangles, since some readers drop larger faces silently."""
 
 from __future__ import annotations
 
@@ -7,34 +7,43 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from exporters.check import check_choice, check_name, grain_names, measured
+from exporters.check import check_choice, check_name, grain_names, measured, stretches
 from exporters.text import filled
+from exporters.units import check_units, chosen_units, factors_of
+from grainsdem.geometry.integrals import volumes
 from grainsdem.geometry.rotations import world_vertices
 from grainsdem.geometry.triangles import triangles
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from exporters.units import Units
     from grainsdem.model import Packing
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ObjOptions:
-    """Where the file's origin lies.
+    """Where the file's origin lies, and its units.
 
     Parameters
     ----------
     origin : {"world", "domain"}
         That of the packing, or the lower corner of its domain.
+    units : {"si", "mm", "grain"} or float
+        Metres, millimetres, median grain diameters, or another length in metres: a comment says which.
 
     Raises
     ------
     InputError
-        If the origin is not one of those allowed.
+        If the origin or the units are not among those allowed.
     """
 
     origin: Literal["world", "domain"] = "world"
+    units: Units = "si"
 
     def __post_init__(self) -> None:
         check_choice("origin", self.origin, ("world", "domain"))
+        check_units(self.units)
 
 
 Options = ObjOptions
@@ -48,7 +57,7 @@ LOSES = (
 
 def files(
     packing: Packing, *, name: str = "bed", suffix: str = ".obj", options: ObjOptions | None = None
-) -> dict[str, bytes]:
+) -> dict[str, bytes | Iterable[bytes]]:
     """Return the one file: vertices with nine significant digits, one object ``g000000`` a grain.
 
     Raises
@@ -57,14 +66,28 @@ def files(
         If the packing is empty or not finite.
     """
     check_name(name)
-    measured(packing)
     options = options or ObjOptions()
-    world = world_vertices(packing) - (packing.domain.lower if options.origin == "domain" else 0.0)
-    grains = packing.grains
-    cut = triangles(grains)
-    vertices = filled("v %.9g %.9g %.9g\n", world, np.diff(grains.vertex_offsets))
-    counts = np.diff(cut.offsets)
-    numbers = cut.indices + np.repeat(grains.vertex_offsets[:-1], counts)[:, None] + 1
-    faces = filled("f %d %d %d\n", numbers, counts)
-    objects = [f"o {n}\n{v}{f}" for n, v, f in zip(grain_names(packing), vertices, faces, strict=True)]
-    return {f"{name}{suffix}": ("# metres\n" + "".join(objects)).encode()}
+    length = chosen_units(options.units, measured(packing).volumes, packing.densities).length
+    return {f"{name}{suffix}": _objects(packing, options.origin, length)}
+
+
+def factors(packing: Packing, options: ObjOptions) -> dict[str, float]:
+    """Return the factors from the file's units to SI; it has no masses and no times."""
+    scales = chosen_units(options.units, volumes(packing.grains), packing.densities)
+    return {**factors_of(scales), "mass": 1.0, "time": 1.0}
+
+
+def _objects(packing: Packing, origin: str, length: float) -> Iterator[bytes]:
+    """Yield the file, a stretch of grains at a time."""
+    yield b"# metres\n" if length == 1.0 else f"# unit {length!r} m\n".encode()
+    names, shift = grain_names(packing), packing.domain.lower if origin == "domain" else 0.0
+    n_before = packing.grains.vertex_offsets
+    for first, part in stretches(packing):
+        grains, cut = part.grains, triangles(part.grains)
+        vertices = filled("v %.9g %.9g %.9g\n", (world_vertices(part) - shift) / length, np.diff(grains.vertex_offsets))
+        counts = np.diff(cut.offsets)
+        # Vertices are counted through the file, from one.
+        starts = n_before[first : first + len(part)]
+        faces = filled("f %d %d %d\n", cut.indices + np.repeat(starts, counts)[:, None] + 1, counts)
+        rows = zip(names[first : first + len(part)], vertices, faces, strict=True)
+        yield "".join([f"o {name}\n{points}{corners}" for name, points, corners in rows]).encode()

@@ -7,12 +7,22 @@ each grain is closed and no triangle is without area.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
-from exporters.check import check_choice, check_name, grain_names, measured, refuse
+from exporters.check import (
+    STRETCH,
+    check_choice,
+    check_name,
+    grain_names,
+    measured,
+    refuse,
+    shapes_of,
+    stretches,
+)
 from exporters.text import filled
+from exporters.units import check_units, chosen_units
 from grainsdem.errors import InputError
 from grainsdem.geometry.integrals import integrate
 from grainsdem.geometry.rotations import world_vertices
@@ -21,8 +31,11 @@ from grainsdem.model import Polyhedra
 from grainsdem.ragged import offsets_from_counts, owners, sum_rows
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
     from numpy.typing import NDArray
 
+    from exporters.units import Units
     from grainsdem.model import Packing
 
     Singles = NDArray[np.float32]
@@ -50,21 +63,29 @@ class StlOptions:
     ----------
     binary : bool
         Binary, with a table beside it that says which triangles are which grain's; else ASCII, one named solid a grain.
+    per_grain : bool
+        One file a grain, ``bed/g000000.stl`` and on, in place of one for all.
     origin : {"world", "domain"}
         Where the file's origin lies: that of the packing, or the lower corner of its domain, for a packing so far
         from its origin that single precision would blur it.
+    units : {"si", "mm", "grain"} or float
+        Metres, millimetres, median grain diameters, or another length in metres. What is not metres is said in the
+        header of a binary file and after the name of a solid.
 
     Raises
     ------
     InputError
-        If the origin is not one of those allowed.
+        If the origin or the units are not among those allowed.
     """
 
     binary: bool = True
+    per_grain: bool = False
     origin: Literal["world", "domain"] = "world"
+    units: Units = "si"
 
     def __post_init__(self) -> None:
         check_choice("origin", self.origin, ("world", "domain"))
+        check_units(self.units)
 
 
 Options = StlOptions
@@ -78,7 +99,7 @@ LOSES = (
 
 def files(
     packing: Packing, *, name: str = "bed", suffix: str = ".stl", options: StlOptions | None = None
-) -> dict[str, bytes]:
+) -> dict[str, bytes | Iterable[bytes]]:
     """Return the surface of all grains, and for binary ``bed.grains.csv``: grain, first triangle, number of triangles.
 
     Raises
@@ -89,13 +110,23 @@ def files(
     """
     check_name(name)
     options = options or StlOptions()
-    corners, offsets = surface(packing, options.origin)
+    sizes = measured(packing).volumes
+    length = chosen_units(options.units, sizes, packing.densities).length
+    counts = _counted(packing, sizes, options.origin, length)
+    if options.per_grain:
+        return _one_a_grain(packing, name, suffix, options, length)
     if not options.binary:
-        return {f"{name}{suffix}": _ascii(packing, corners, offsets)}
-    table = np.stack([np.arange(len(packing)), offsets[:-1], np.diff(offsets)], axis=1)
-    rows = filled("%d,%d,%d\n", table, np.ones(len(packing), dtype=np.int64))
-    ranges = "grain,first_triangle,n_triangles\n" + "".join(rows)
-    return {f"{name}{suffix}": binary(corners), f"{name}.grains.csv": ranges.encode()}
+        return {f"{name}{suffix}": _ascii(packing, options.origin, length)}
+    return {
+        f"{name}{suffix}": _binary(packing, int(counts.sum()), options.origin, length),
+        f"{name}.grains.csv": _table(counts),
+    }
+
+
+def factors(packing: Packing, options: StlOptions) -> dict[str, float]:
+    """Return the factors from the file's units to SI; it has no masses and no times."""
+    length = chosen_units(options.units, integrate(packing.grains).volumes, packing.densities).length
+    return {"length": length, "mass": 1.0, "time": 1.0}
 
 
 def surface(packing: Packing, origin: Literal["world", "domain"] = "world") -> tuple[Singles, Offsets]:
@@ -120,26 +151,66 @@ def surface(packing: Packing, origin: Literal["world", "domain"] = "world") -> t
     InputError
         As `files`.
     """
-    volumes = measured(packing).volumes
-    world = world_vertices(packing) - (packing.domain.lower if origin == "domain" else 0.0)
-    _refuse_far(world, np.cbrt(volumes.min() * 6.0 / np.pi))
-    grains = replace(packing.grains, vertices=world.astype(np.float32).astype(np.float64))
+    counts = _counted(packing, measured(packing).volumes, origin, 1.0)
+    corners = [part.corners for _, part in _surfaces(packing, origin, 1.0)]
+    return np.concatenate(corners), offsets_from_counts(counts)
+
+
+class _Surface(NamedTuple):
+    """The triangles of some grains, where each grain's begin, and what is left of them."""
+
+    corners: Singles
+    offsets: Offsets
+    grains: Polyhedra
+    is_flat: NDArray[np.bool_]
+
+
+def _surfaces(packing: Packing, origin: str, length: float) -> Iterator[tuple[int, _Surface]]:
+    """Yield the number of the first grain of each stretch, and the surface of its grains in lengths of the file."""
+    shift = packing.domain.lower if origin == "domain" else 0.0
+    for first, part in stretches(packing):
+        world = (world_vertices(part) - shift) / length
+        yield first, _surface(replace(part.grains, vertices=world.astype(np.float32).astype(np.float64)))
+
+
+def _surface(grains: Polyhedra) -> _Surface:
+    """Return the surface of grains whose vertices are rounded already."""
     corners, offsets = _cut(grains)
-    flat = owners(offsets)[~vector_areas(corners).any(axis=1)]
+    flat = owners(offsets)[_without_area(corners)]
     if flat.size:
         grains = _without_doubles(grains, np.unique(flat))
         corners, offsets = _cut(grains)
-        flat = owners(offsets)[~vector_areas(corners).any(axis=1)]
-    # A hundredth of the volume: what is left of a flake is closed, but no longer the grain.
-    bad = np.abs(integrate(grains).volumes / volumes - 1.0) > 0.01
-    bad[flat] = True
+        flat = owners(offsets)[_without_area(corners)]
+    is_flat = np.zeros(len(grains), dtype=bool)
+    is_flat[flat] = True
+    return _Surface(corners, offsets, grains, is_flat)
+
+
+def _without_area(corners: Singles) -> NDArray[np.int64]:
+    """Return the triangles that have no area."""
+    areas = vector_areas(corners)
+    return np.flatnonzero((areas[:, 0] == 0) & (areas[:, 1] == 0) & (areas[:, 2] == 0))
+
+
+def _counted(packing: Packing, volumes: NDArray[np.float64], origin: str, length: float) -> Offsets:
+    """Return the number of triangles of each grain, once all grains are known to keep their volume."""
+    farthest = 0.0
+    counts = np.empty(len(packing), dtype=np.int64)
+    bad = np.empty(len(packing), dtype=bool)
+    for first, part in _surfaces(packing, origin, length):
+        grains = slice(first, first + len(part.grains))
+        counts[grains] = np.diff(part.offsets)
+        farthest = max(farthest, float(np.abs(part.grains.vertices).max()) * length)
+        # A hundredth of the volume: what is left of a flake is closed, but no longer the grain.
+        kept = integrate(part.grains).volumes * length**3
+        bad[grains] = part.is_flat | (np.abs(kept / volumes[grains] - 1.0) > 0.01)
+    _refuse_far(farthest, float(np.cbrt(volumes.min() * 6.0 / np.pi)))
     refuse("grains must not be so flat or small that single precision takes their volume", bad)
-    return corners, offsets
+    return counts
 
 
-def _refuse_far(vertices: NDArray[np.float64], diameter: float) -> None:
+def _refuse_far(farthest: float, diameter: float) -> None:
     """Raise `InputError` where single precision would move a vertex by more than 1e-4 diameters."""
-    farthest = float(np.abs(vertices).max())
     step = float(np.spacing(np.float32(farthest)))
     if step > 1e-4 * diameter:
         raise InputError(
@@ -192,16 +263,68 @@ def _unit_normals(corners: Singles) -> NDArray[np.float64]:
 
 def binary(corners: Singles) -> bytes:
     """Return binary STL: 80 bytes of header, the number of triangles, 50 bytes each."""
+    return _head(len(corners), 1.0) + _records(corners)
+
+
+def _head(n_triangles: int, length: float) -> bytes:
+    """Return the header of a binary file and the number of its triangles."""
+    unit = "metres" if length == 1.0 else f"unit {length!r} m"
+    # It must not begin with "solid", which is ASCII's mark.
+    return f"grainsdem, {unit}".encode().ljust(80) + n_triangles.to_bytes(4, "little")
+
+
+def _records(corners: Singles) -> bytes:
+    """Return fifty bytes a triangle."""
     records = np.zeros(len(corners), dtype=RECORD)
     records["normal"] = _unit_normals(corners)
     records["corners"] = corners
-    header = b"grainsdem, metres".ljust(80)  # must not begin with "solid", which is ASCII's mark
-    return b"".join([header, len(corners).to_bytes(4, "little"), records.tobytes()])
+    return records.tobytes()
 
 
-def _ascii(packing: Packing, corners: Singles, offsets: Offsets) -> bytes:
-    """Return ASCII STL: one solid a grain."""
-    numbers = np.concatenate([_unit_normals(corners)[:, None, :], corners.astype(np.float64)], axis=1)
-    facets = filled(_FACET, numbers, np.diff(offsets))
-    solids = [f"solid {name}\n{body}endsolid {name}\n" for name, body in zip(grain_names(packing), facets, strict=True)]
-    return "".join(solids).encode()
+def _binary(packing: Packing, n_triangles: int, origin: str, length: float) -> Iterator[bytes]:
+    """Yield binary STL, a stretch of grains at a time."""
+    yield _head(n_triangles, length)
+    for _, part in _surfaces(packing, origin, length):
+        yield _records(part.corners)
+
+
+def _table(counts: Offsets) -> Iterator[bytes]:
+    """Yield which triangles are which grain's."""
+    yield b"grain,first_triangle,n_triangles\n"
+    table = np.stack([np.arange(counts.size), np.cumsum(counts) - counts, counts], axis=1)
+    for start in range(0, counts.size, STRETCH):
+        rows = table[start : start + STRETCH]
+        yield "".join(filled("%d,%d,%d\n", rows, np.ones(len(rows), dtype=np.int64))).encode()
+
+
+def _ascii(packing: Packing, origin: str, length: float) -> Iterator[bytes]:
+    """Yield ASCII STL: one solid a grain."""
+    names = grain_names(packing)
+    unit = "" if length == 1.0 else f" unit {length!r} m"
+    for first, part in _surfaces(packing, origin, length):
+        normals = _unit_normals(part.corners)[:, None, :]
+        facets = filled(
+            _FACET, np.concatenate([normals, part.corners.astype(np.float64)], axis=1), np.diff(part.offsets)
+        )
+        rows = zip(names[first:], facets, strict=False)  # names of the stretches after this one are left over
+        yield "".join([f"solid {name}{unit}\n{body}endsolid {name}\n" for name, body in rows]).encode()
+
+
+def _one_a_grain(
+    packing: Packing, name: str, suffix: str, options: StlOptions, length: float
+) -> dict[str, bytes | Iterable[bytes]]:
+    """Return a file for every grain in a folder, made as it is written."""
+
+    def content(i: int) -> Iterator[bytes]:
+        alone = replace(
+            packing,
+            grains=shapes_of(packing.grains, i, i + 1),
+            positions=packing.positions[i : i + 1],
+            quaternions=packing.quaternions[i : i + 1],
+            densities=packing.densities[i : i + 1],
+            links=None,
+        )
+        for _, part in _surfaces(alone, options.origin, length):
+            yield binary(part.corners)
+
+    return {f"{name}/{grain}{suffix}": content(i) for i, grain in enumerate(grain_names(packing))}

@@ -23,13 +23,15 @@ def read(path: Path) -> Packing:
     points: list[list[str]] = []
     loops: list[list[int]] = []
     grain_of: list[int] = []
-    grain = -1
+    grain, length = -1, 1.0
     try:
         for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
             words = line.split()
             if not words:
                 continue
-            if words[0] == "o":
+            if words[:2] == ["#", "unit"]:
+                length = float(words[2])
+            elif words[0] == "o":
                 grain += 1
             elif words[0] == "v":
                 points.append(words[1:4])
@@ -44,4 +46,4 @@ def read(path: Path) -> Packing:
     if faces.size and not (faces.min() >= 0 and faces.max() < len(vertices)):
         raise FileFormatError(f"{path}: faces name vertices up to {faces.max() + 1}; there are {len(vertices)}")
     _, dense = np.unique(np.array(grain_of, dtype=np.int64), return_inverse=True)
-    return from_soup(path, vertices[faces], dense)
+    return from_soup(path, vertices[faces], dense, length)

@@ -62,7 +62,7 @@ def placed(
     return Packing(shapes, positions, quaternions, densities, domain or _box_around(shapes, positions))
 
 
-def from_soup(path: Path, corners: NDArray[np.float32], grain_of: NDArray[np.int64]) -> Packing:
+def from_soup(path: Path, corners: NDArray[np.float32], grain_of: NDArray[np.int64], length: float = 1.0) -> Packing:
     """Return triangles in the world as a packing; corners of one grain that are equal to the bit are one vertex.
 
     Parameters
@@ -70,9 +70,11 @@ def from_soup(path: Path, corners: NDArray[np.float32], grain_of: NDArray[np.int
     path : Path
         Where they are from.
     corners : ndarray of float32, shape (m, 3, 3)
-        Corners [m] of the triangles.
+        Corners of the triangles.
     grain_of : ndarray of int64, shape (m,)
         Grain of each triangle, from 0 without gaps, not falling.
+    length : float
+        What length [m] is one.
     """
     if not len(corners):
         raise FileFormatError(f"{path}: holds no triangles")
@@ -83,7 +85,7 @@ def from_soup(path: Path, corners: NDArray[np.float32], grain_of: NDArray[np.int
     rows[:, 1:] = (corners.reshape(-1, 3).astype(np.float32) + np.float32(0.0)).view(np.int32)
     vertices, first, index = np.unique(rows, axis=0, return_index=True, return_inverse=True)
     vertex_offsets = offsets_from_counts(np.bincount(vertices[:, 0], minlength=n))
-    points = corners.reshape(-1, 3).astype(np.float64)[first]
+    points = corners.reshape(-1, 3).astype(np.float64)[first] * length
     owner = owners(vertex_offsets)
     sums = np.stack([np.bincount(owner, points[:, k], n) for k in range(3)], axis=1)
     positions: Floats = sums / np.diff(vertex_offsets)[:, None]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -34,10 +35,17 @@ def read(path: Path) -> Packing:
         table = path.with_name(f"{path.stem}.grains.csv")
         grain_of = _from_table(table, len(corners)) if table.is_file() else _connected(corners)
         order = np.argsort(grain_of, kind="stable")
-        return from_soup(path, corners[order], grain_of[order])
+        return from_soup(path, corners[order], grain_of[order], _unit(content[:80].decode("latin-1")))
     if content[:5] != b"solid":
         raise FileFormatError(f"{path}: neither ASCII STL nor binary STL of {n} triangles; it has {len(content)} bytes")
-    return from_soup(path, *_from_text(path, content.decode("utf-8", "replace")))
+    text = content.decode("utf-8", "replace")
+    return from_soup(path, *_from_text(path, text), _unit(text.partition("\n")[0]))
+
+
+def _unit(line: str) -> float:
+    """Return what length [m] is one, as our writer says where it is not a metre."""
+    found = re.search(r"\bunit (\S+) m\b", line)
+    return float(found[1]) if found else 1.0
 
 
 def _from_text(path: Path, text: str) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
