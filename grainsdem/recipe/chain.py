@@ -18,6 +18,7 @@ from grainsdem.packing import contacts
 from grainsdem.recipe.experiments import perform_all
 from grainsdem.recipe.growing import grow, stream
 from grainsdem.recipe.motion import SettleTable
+from grainsdem.recipe.views import look_all
 from grainsdem.recipe.words import Monitor, Silent, counting_words, settling_words, throat_widths_told
 from grainsdem.validation import validate
 
@@ -42,8 +43,8 @@ class Result:
     reports : dict of str to Report
         Validation of ``"bed"`` and ``"settled"``.
     summaries : dict of str to dict
-        Measures of both, and of each experiment by its name; of the bed also ``throats``, the widths [m] before and
-        after they were changed, if they were.
+        Measures of both, and of each experiment and view by its name; of the bed also ``throats``, the widths [m]
+        before and after they were changed, if they were.
     files : list of Path
         Everything that was written.
     """
@@ -94,6 +95,11 @@ def run(recipe: Recipe, folder: str | os.PathLike[str], monitor: Monitor | None 
     bed = fresh if settled is None else settled.packing
     written, measured = perform_all(
         recipe.experiments(), bed, folder, monitor, rng=recipe.rng, with_figures=recipe.output.figures
+    )
+    files += written
+    summaries |= measured
+    written, measured = look_all(
+        recipe.views(), bed, folder, monitor, rng=recipe.rng, with_figures=recipe.output.figures
     )
     files += written
     summaries |= measured

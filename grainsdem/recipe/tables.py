@@ -17,6 +17,7 @@ from grainsdem.recipe.experiments.tables import CollapseTable, ShearTable, TiltT
 from grainsdem.recipe.grains import GrainsTable, SizesTable, ThroatsTable
 from grainsdem.recipe.motion import SettleTable
 from grainsdem.recipe.seeds import SeedsTable
+from grainsdem.recipe.views.tables import PlanformTable, SectionTable, VoxelsTable
 
 if TYPE_CHECKING:
     import os
@@ -25,9 +26,13 @@ if TYPE_CHECKING:
     from pydantic import SerializerFunctionWrapHandler
 
     from grainsdem.recipe.experiments.tables import ExperimentTable
+    from grainsdem.recipe.views.tables import ViewTable
 
 EXPERIMENTS = "triaxial", "shear", "collapse", "tilt"
 """The tables of experiments."""
+
+VIEWS = "voxels", "section", "planform"
+"""The tables of what looks into a bed."""
 
 EXAMPLE = Path(__file__).parent.parent / "ottawa_sand.toml"
 """The demo's recipe: ASTM 20/30 Ottawa sand."""
@@ -69,6 +74,8 @@ class Recipe(Table):
         See each.
     triaxial, shear, collapse, tilt : tables, optional
         Experiments on what has settled, or on what was grown where nothing settles.
+    voxels, section, planform : tables, optional
+        What looks into the same bed.
     """
 
     name: str = "bed"
@@ -81,17 +88,24 @@ class Recipe(Table):
     shear: ShearTable | None = None
     collapse: CollapseTable | None = None
     tilt: TiltTable | None = None
+    voxels: VoxelsTable | None = None
+    section: SectionTable | None = None
+    planform: PlanformTable | None = None
     output: OutputTable = OutputTable()
 
     @model_serializer(mode="wrap")
     def _without_what_is_not_done(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out experiments that the recipe has not: what beds are made of is told, and hashed, without them."""
+        """Leave out what the recipe does not ask of a bed: what it is made of is told, and hashed, without."""
         told: dict[str, Any] = dump(self)
-        return {key: value for key, value in told.items() if value is not None or key not in EXPERIMENTS}
+        return {key: value for key, value in told.items() if value is not None or key not in EXPERIMENTS + VIEWS}
 
     def experiments(self) -> dict[str, ExperimentTable | None]:
         """Return the tables of experiments by their names, in the order in which they are run."""
         return {name: getattr(self, name) for name in EXPERIMENTS}
+
+    def views(self) -> dict[str, ViewTable | None]:
+        """Return the tables of voxels, sections and planforms by their names."""
+        return {name: getattr(self, name) for name in VIEWS}
 
     @model_validator(mode="after")
     def _two_of_three(self) -> Self:
@@ -142,6 +156,9 @@ _TABLES: dict[str, type[Table]] = {
     "shear": ShearTable,
     "collapse": CollapseTable,
     "tilt": TiltTable,
+    "voxels": VoxelsTable,
+    "section": SectionTable,
+    "planform": PlanformTable,
     "output": OutputTable,
 }
 
