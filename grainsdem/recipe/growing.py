@@ -31,6 +31,9 @@ PILOT = 1000
 _BEDS = 8
 """Beds that are grown to find the number: each is nearer by two digits, until chance decides."""
 
+_CLOSE = 5e-4
+"""Relative error of the grains' size at which no other number is tried: large beds are as near after two or three."""
+
 
 def grow(recipe: Recipe, monitor: Monitor | None = None) -> Packing:
     """Return the bed that a recipe's seeds and grains tables describe.
@@ -98,6 +101,8 @@ def _counted(recipe: Recipe, tell: Callable[[float, str], None]) -> tuple[Recipe
         tell(len(tried) / _BEDS, f"{n} seeds")
         bed, wanted = _grown(_with_count(plain, n), Silent(), is_scaled=False)
         tried[n] = size_ratio(recipe.grains, bed, wanted)
+        if abs(tried[n] - 1) <= _CLOSE:
+            break
         # Cells are as many times smaller as there are more of them.
         needed = n * tried[n] ** power
         _refuse_more(needed)
