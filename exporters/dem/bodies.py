@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from exporters.check import measured
 from grainsdem.errors import InputError
 from grainsdem.geometry.integrals import face_planes, integrate
 from grainsdem.geometry.principal import principal_inertia
-from grainsdem.geometry.rotations import multiply, to_matrices
+from grainsdem.geometry.rotations import multiply, to_matrices, world_vertices
 from grainsdem.packing import inset
 from grainsdem.ragged import owners, sum_rows
 
@@ -110,6 +110,15 @@ def vertices_in(shapes: Polyhedra, origins: Floats, quaternions: Floats, digits:
     return np.asarray((seen / unit).round(12) * unit)
 
 
+def extremes(packing: Packing) -> Floats:
+    """Return the lowest and the highest coordinates [m] of all vertices in the world, shape (2, 3)."""
+    ends = []
+    for block in blocks(len(packing)):
+        world = world_vertices(part(packing, block))
+        ends += [world.min(axis=0), world.max(axis=0)]
+    return np.stack([np.min(ends, axis=0), np.max(ends, axis=0)])
+
+
 class Edges(NamedTuple):
     """Edges of closed polyhedra, each once.
 
@@ -199,29 +208,99 @@ def rounded(packing: Packing, sizes: Bodies, rounding: float) -> Rounded:
     shapes = moved.grains
     cores = replace(shapes, vertices=shapes.vertices + np.repeat(steps, np.diff(shapes.vertex_offsets), axis=0))
     found = edges(cores)
-    owner = owners(found.offsets)
-    starts = cores.vertex_offsets[owner]
-    lengths = np.linalg.norm(
-        cores.vertices[starts + found.ends[:, 1]] - cores.vertices[starts + found.ends[:, 0]], axis=1
-    )
+    starts = cores.vertex_offsets[owners(found.offsets)]
+    ends = cores.vertices[starts[:, None] + found.ends]
+    lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     a, b = (face_planes(cores).normals[found.faces[:, side]] for side in range(2))
     angles = np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.einsum("ij,ij->i", a, b))
     bends = sum_rows(lengths * angles, found.offsets)
     core = integrate(cores)
     swept = core.volumes + core.areas * radii + bends / 2 * radii**2 + 4 / 3 * np.pi * radii**3
-    _logger.info("rounding took %.3g of the grains' volume", 1 - swept.sum() / sizes.volumes.sum())
     return Rounded(cores, found, radii, swept)
+
+
+class Skin(NamedTuple):
+    """What is known of all grains once they are rounded, without their shapes.
+
+    Parameters
+    ----------
+    radii : ndarray, shape (n,)
+        Radius [m] of each grain's sphere.
+    volumes : ndarray, shape (n,)
+        Volumes [m³] of the swept cores.
+    n_vertices, n_edges, n_quads : ndarray of int64, shape (n,)
+        Vertices and edges of each core, and how many pieces its faces are cut into that have four corners at most.
+    """
+
+    radii: Floats
+    volumes: Floats
+    n_vertices: NDArray[np.int64]
+    n_edges: NDArray[np.int64]
+    n_quads: NDArray[np.int64]
+
+
+def skin(packing: Packing, sizes: Bodies, rounding: float) -> Skin:
+    """Return what rounding makes of the grains, found block by block.
+
+    Raises
+    ------
+    InputError
+        As `rounded`.
+    """
+    rows: list[tuple[NDArray[Any], ...]] = []
+    try:
+        for _, _, one in rounded_blocks(packing, sizes, rounding):
+            pieces = (np.diff(one.cores.face_vertex_offsets) - 1) // 2
+            counts = (np.diff(one.cores.vertex_offsets), np.diff(one.edges.offsets))
+            rows.append((one.radii, one.volumes, *counts, sum_rows(pieces, one.cores.face_offsets)))
+    except InputError:
+        rounded(packing, sizes, rounding)  # the same error, of all grains under their own numbers
+        raise
+    found = Skin(*(np.concatenate(column) for column in zip(*rows, strict=True)))
+    _logger.info("rounding takes %.3g of the grains' volume", _lost(found, sizes)["volume_lost"])
+    return found
+
+
+def rounded_blocks(packing: Packing, sizes: Bodies, rounding: float) -> Iterator[tuple[slice, Bodies, Rounded]]:
+    """Yield which grains a block holds, the same as bodies, and rounded."""
+    for block in blocks(len(packing)):
+        mine = Bodies(*(values[block] for values in sizes))
+        yield block, mine, rounded(part(packing, block), mine, rounding)
+
+
+def part(packing: Packing, block: slice) -> Packing:
+    """Return a block of the grains, without what they know of their cells."""
+    grains = packing.grains
+    bounds = slice(block.start, block.stop + 1)
+    of_vertices, of_faces = grains.vertex_offsets[bounds], grains.face_offsets[bounds]
+    of_corners = grains.face_vertex_offsets[of_faces[0] : of_faces[-1] + 1]
+    shapes = replace(
+        grains,
+        vertices=grains.vertices[of_vertices[0] : of_vertices[-1]],
+        vertex_offsets=of_vertices - of_vertices[0],
+        face_offsets=of_faces - of_faces[0],
+        face_vertices=grains.face_vertices[of_corners[0] : of_corners[-1]],
+        face_vertex_offsets=of_corners - of_corners[0],
+    )
+    return replace(
+        packing,
+        grains=shapes,
+        positions=packing.positions[block],
+        quaternions=packing.quaternions[block],
+        densities=packing.densities[block],
+        links=None,
+    )
 
 
 def report(packing: Packing, options: SkinOptions) -> dict[str, float]:
     """Return what the rounding does to the grains: its radii [m], and the part of their volume that it takes."""
     sizes = bodies(packing)
-    return _lost(rounded(packing, sizes, options.rounding), sizes)
+    return _lost(skin(packing, sizes, options.rounding), sizes)
 
 
-def rounding_comment(skin: Rounded, sizes: Bodies) -> str:
+def rounding_comment(found: Skin, sizes: Bodies) -> str:
     """Return the same as one sentence for a file's comments."""
-    told = _lost(skin, sizes)
+    told = _lost(found, sizes)
     return (
         f"Rounding the edges by {told['smallest_rounding_radius']:.6g} to {told['largest_rounding_radius']:.6g} m took "
         f"{100 * told['volume_lost']:.4g} % of the volume, {100 * told['largest_volume_lost_by_a_grain']:.4g} % of one "
@@ -229,12 +308,12 @@ def rounding_comment(skin: Rounded, sizes: Bodies) -> str:
     )
 
 
-def _lost(skin: Rounded, sizes: Bodies) -> dict[str, float]:
+def _lost(found: Skin, sizes: Bodies) -> dict[str, float]:
     return {
-        "smallest_rounding_radius": float(skin.radii.min()),
-        "largest_rounding_radius": float(skin.radii.max()),
-        "volume_lost": float(1 - skin.volumes.sum() / sizes.volumes.sum()),
-        "largest_volume_lost_by_a_grain": float((1 - skin.volumes / sizes.volumes).max()),
+        "smallest_rounding_radius": float(found.radii.min()),
+        "largest_rounding_radius": float(found.radii.max()),
+        "volume_lost": float(1 - found.volumes.sum() / sizes.volumes.sum()),
+        "largest_volume_lost_by_a_grain": float((1 - found.volumes / sizes.volumes).max()),
     }
 
 

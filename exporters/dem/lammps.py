@@ -15,11 +15,20 @@ import numpy as np
 
 from exporters.check import refuse
 from exporters.container import container_box
-from exporters.dem.bodies import blocks, bodies, report, rounded, rounding_comment, vertices_in
+from exporters.dem.bodies import (
+    blocks,
+    bodies,
+    extremes,
+    report,
+    rounded_blocks,
+    rounding_comment,
+    skin,
+    vertices_in,
+)
 from exporters.dem.scene import SkinOptions, check_word, down, height, springs
 from exporters.text import rows_of_text, table_of_text
 from exporters.units import units_of
-from grainsdem.geometry.rotations import to_matrices, world_vertices
+from grainsdem.geometry.rotations import to_matrices
 from grainsdem.ragged import offsets_from_counts, owners
 
 if TYPE_CHECKING:
@@ -27,7 +36,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from exporters.dem.bodies import Bodies, Rounded
+    from exporters.dem.bodies import Bodies, Rounded, Skin
     from exporters.units import GrainUnits
     from grainsdem.model import Packing, Polyhedra
 
@@ -104,10 +113,8 @@ class _Bed:
     options: SkinOptions
     sizes: Bodies
     scales: GrainUnits
-    skin: Rounded
-    pieces: NDArray[np.int64]
-    piece_offsets: NDArray[np.int64]
-    world: Floats
+    skin: Skin
+    extremes: Floats
 
     @property
     def told(self) -> dict[str, object]:
@@ -133,10 +140,9 @@ def files(
     options = options or SkinOptions()
     sizes = bodies(packing)
     scales = units_of(sizes.volumes, packing.densities, options.gravity)
-    skin = rounded(packing, sizes, options.rounding)
-    pieces, piece_offsets = quads(skin.cores)
-    _refuse_long(skin, piece_offsets)
-    bed = _Bed(packing, name, options, sizes, scales, skin, pieces, piece_offsets, world_vertices(packing))
+    found = skin(packing, sizes, options.rounding)
+    _refuse_long(found)
+    bed = _Bed(packing, name, options, sizes, scales, found, extremes(packing))
     return {f"{name}{suffix}": _script(bed).encode(), f"{name}.data": _data(bed)}
 
 
@@ -165,36 +171,32 @@ def quads(shapes: Polyhedra) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     return np.column_stack(columns), offsets[shapes.face_offsets]
 
 
-def _refuse_long(skin: Rounded, piece_offsets: NDArray[np.int64]) -> None:
+def _refuse_long(found: Skin) -> None:
     """Raise `InputError` where a body takes more lines than LAMMPS reads."""
-    lines = np.full(len(skin.cores), 4)
-    for offsets, width, kind in (
-        (skin.cores.vertex_offsets, 3, "reals"),
-        (skin.edges.offsets, 2, "ends"),
-        (piece_offsets, 4, "corners"),
-    ):
-        lines += -(-np.diff(offsets) * width // _LINES[kind])
+    lines = np.full(found.radii.size, 4)
+    for counts, kind in ((3 * found.n_vertices, "reals"), (2 * found.n_edges, "ends"), (4 * found.n_quads, "corners")):
+        lines += -(-counts // _LINES[kind])
     rule = f"grains must not have so many corners that LAMMPS would have to read more than {_MOST_LINES} lines of one"
     refuse(rule, lines > _MOST_LINES)
 
 
 def _script(bed: _Bed) -> str:
     """Return the commands that read the data and let the grains fall."""
-    sizes, skin, scales, options = bed.sizes, bed.skin, bed.scales, bed.options
-    law = springs(sizes, options.depth * skin.radii, height(bed.packing, bed.world), options.gravity, steps=20)
+    sizes, found, scales, options = bed.sizes, bed.skin, bed.scales, bed.options
+    law = springs(sizes, options.depth * found.radii, height(bed.packing, bed.extremes), options.gravity, steps=20)
     stiffness = law.stiffness / scales.force * scales.length
     time_step = law.time_step / scales.time
     # A pair of median grains: half the mass of one.
     reduced = float(np.median(sizes.masses)) / scales.mass / 2
     decay = -np.log(options.restitution)
     damping = 2 * decay / np.hypot(np.pi, decay) * np.sqrt(reduced * stiffness)
-    vertices, ends = np.diff(skin.cores.vertex_offsets), np.diff(skin.edges.offsets)
     # What LAMMPS sets aside for a body of so many vertices, edges and faces.
-    room = np.maximum(vertices, -(-(3 * vertices + 2 * ends + 4 * np.diff(bed.piece_offsets)) // 9))
-    cutoff = 2 * float(skin.radii.max()) / scales.length
+    numbers = 3 * found.n_vertices + 2 * found.n_edges + 4 * found.n_quads
+    room = np.maximum(found.n_vertices, -(-numbers // 9))
+    cutoff = 2 * float(found.radii.max()) / scales.length
     return _SCRIPT.substitute(
         bed.told,
-        rounding=rounding_comment(skin, sizes),
+        rounding=rounding_comment(found, sizes),
         fewest=int(room.min()),
         most=int(room.max()),
         steps=round(options.duration / time_step),
@@ -211,7 +213,7 @@ def _script(bed: _Bed) -> str:
 
 def _walls(bed: _Bed, law: str) -> str:
     """Return one command an axis; a wall that is not there is NULL."""
-    lower, upper = (corner / bed.scales.length for corner in container_box(bed.packing, bed.world))
+    lower, upper = (corner / bed.scales.length for corner in container_box(bed.packing, bed.extremes))
     planar, choice = bed.packing.domain.is_planar, bed.options.walls
     floor = 1 if planar else 2
     closed = {"box": [0, 2] if planar else [0, 1], "floor": [], "none": []}[choice]
@@ -226,9 +228,9 @@ def _walls(bed: _Bed, law: str) -> str:
 
 def _data(bed: _Bed) -> Iterator[bytes]:
     """Yield the box, where the atoms are, and what bodies they have."""
-    sizes, skin, length = bed.sizes, bed.skin, bed.scales.length
-    lower, upper = container_box(bed.packing, bed.world)
-    box = [np.minimum(lower, bed.world.min(axis=0)), np.maximum(upper, bed.world.max(axis=0))]
+    sizes, length = bed.sizes, bed.scales.length
+    lower, upper = container_box(bed.packing, bed.extremes)
+    box = [np.minimum(lower, bed.extremes[0]), np.maximum(upper, bed.extremes[1])]
     rows = zip(table_of_text(np.transpose(box) / length, digits=12), "xyz", strict=True)
     yield _HEADER.substitute(bed.told, box="\n".join(f"{row} {axis}lo {axis}hi" for row, axis in rows)).encode()
     for block in blocks(len(bed.packing)):
@@ -237,31 +239,29 @@ def _data(bed: _Bed) -> Iterator[bytes]:
         atoms = zip(range(block.start + 1, block.stop + 1), masses, places, strict=True)
         yield "".join([f"{atom} 1 1 {mass} {place}\n" for atom, mass, place in atoms]).encode()
     yield b"\nBodies\n\n"
-    # In the axes of the box, about the centres of mass.
-    vertices = vertices_in(skin.cores, sizes.centroids, bed.packing.quaternions * [1, -1, -1, -1], sizes.diameters)
-    vertices /= length
-    for block in blocks(len(bed.packing)):
-        yield _bodies(bed, vertices, block)
+    for block, mine, one in rounded_blocks(bed.packing, sizes, bed.options.rounding):
+        yield _bodies(bed, block, mine, one)
 
 
-def _bodies(bed: _Bed, vertices: Floats, block: slice) -> bytes:
-    """Return a block of bodies."""
-    sizes, skin = bed.sizes, bed.skin
-    bounds = slice(block.start, block.stop + 1)
-    turns = to_matrices(sizes.orientations[block])
-    moments = sizes.moments[block] / bed.scales.inertia
+def _bodies(bed: _Bed, block: slice, mine: Bodies, one: Rounded) -> bytes:
+    """Return a block of bodies, in the axes of the box and about their centres of mass."""
+    cores, length = one.cores, bed.scales.length
+    vertices = vertices_in(cores, mine.centroids, bed.packing.quaternions[block] * [1, -1, -1, -1], mine.diameters)
+    pieces, piece_offsets = quads(cores)
+    turns = to_matrices(mine.orientations)
+    moments = mine.moments / bed.scales.inertia
     six = np.einsum("nik,nk,njk->nij", turns, moments, turns)[:, [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
     rows = zip(
         range(block.start + 1, block.stop + 1),
         # Noise around zero is not written as numbers of its own.
         table_of_text((six / moments[:, 2:]).round(15) * moments[:, 2:], digits=14),
-        _lines(vertices, skin.cores.vertex_offsets[bounds], "reals"),
-        _lines(skin.edges.ends, skin.edges.offsets[bounds], "ends"),
-        _lines(bed.pieces, bed.piece_offsets[bounds], "corners"),
-        table_of_text(2 * skin.radii[block, None] / bed.scales.length, digits=12),
-        np.diff(skin.cores.vertex_offsets[bounds]).tolist(),
-        np.diff(skin.edges.offsets[bounds]).tolist(),
-        np.diff(bed.piece_offsets[bounds]).tolist(),
+        _lines(vertices / length, cores.vertex_offsets, "reals"),
+        _lines(one.edges.ends, one.edges.offsets, "ends"),
+        _lines(pieces, piece_offsets, "corners"),
+        table_of_text(2 * one.radii[:, None] / length, digits=12),
+        np.diff(cores.vertex_offsets).tolist(),
+        np.diff(one.edges.offsets).tolist(),
+        np.diff(piece_offsets).tolist(),
         strict=True,
     )
     return "".join([
@@ -279,6 +279,6 @@ def _lines(values: NDArray[Any], offsets: NDArray[np.int64], kind: str) -> list[
     line = owners(offsets_from_counts(lines))
     first = np.arange(line.size) - offsets_from_counts(lines)[line]
     sizes = np.minimum(counts[line] - first * most, most)
-    rows = rows_of_text(values[offsets[0] : offsets[-1]], sizes, digits=12)
+    rows = rows_of_text(values, sizes, digits=12)
     cuts = offsets_from_counts(lines).tolist()
     return ["\n".join([*rows[a:b], ""]) for a, b in pairwise(cuts)]

@@ -9,17 +9,25 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from exporters.check import grain_names
-from exporters.dem.bodies import blocks, bodies, report, rounded, rounding_comment, vertices_in
+from exporters.dem.bodies import (
+    blocks,
+    bodies,
+    extremes,
+    report,
+    rounded_blocks,
+    rounding_comment,
+    skin,
+    vertices_in,
+)
 from exporters.dem.scene import SkinOptions, check_word, down, height, springs, walls
 from exporters.text import filled, rows_of_text, table_of_text
-from grainsdem.geometry.rotations import world_vertices
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
     from numpy.typing import NDArray
 
-    from exporters.dem.bodies import Bodies, Rounded
+    from exporters.dem.bodies import Bodies, Rounded, Skin
     from exporters.dem.scene import Walls
     from grainsdem.model import Packing
 
@@ -93,22 +101,22 @@ def files(
     check_word(name)
     options = options or SkinOptions()
     sizes = bodies(packing)
-    skin = rounded(packing, sizes, options.rounding)
-    container = walls(packing, world_vertices(packing), options.walls)
+    found = skin(packing, sizes, options.rounding)
+    container = walls(packing, extremes(packing), options.walls)
     return {
-        f"{name}{suffix}": _configuration(packing, sizes, skin, container, name=name, options=options),
-        f"{name}.shp": _library(sizes, skin, container, float(packing.densities[0])),
+        f"{name}{suffix}": _configuration(packing, sizes, found, container, name=name, options=options),
+        f"{name}.shp": _library(packing, sizes, found, container, rounding=options.rounding),
     }
 
 
 def _configuration(
-    packing: Packing, sizes: Bodies, skin: Rounded, container: Walls, *, name: str, options: SkinOptions
+    packing: Packing, sizes: Bodies, found: Skin, container: Walls, *, name: str, options: SkinOptions
 ) -> Iterator[bytes]:
     """Yield the file of settings and poses, the driven walls first."""
     n, k = len(packing), len(container.names)
     d = float(np.median(sizes.diameters))
-    drop = height(packing, world_vertices(packing))
-    law = springs(sizes, options.depth * skin.radii, drop, options.gravity, steps=50)
+    drop = height(packing, extremes(packing))
+    law = springs(sizes, options.depth * found.radii, drop, options.gravity, steps=50)
     time = float(np.sqrt(d / options.gravity))
     contact = {
         "knContact": law.stiffness,
@@ -121,7 +129,7 @@ def _configuration(
     header = _HEADER.substitute(
         name=name,
         n_grains=n,
-        rounding=rounding_comment(skin, sizes),
+        rounding=rounding_comment(found, sizes),
         duration=f"{options.duration * time:.9g}",
         time_step=f"{law.time_step:.9g}",
         # The neighbours' list lives for 35 steps: what a grain that fell from the top moves meanwhile is far nearer.
@@ -138,16 +146,16 @@ def _configuration(
     )
     yield header.encode()
     # A plate's skin reaches the wall's surface.
-    behind = container.centres - _plate_radius(skin) * container.normals
+    behind = container.centres - _plate_radius(found) * container.normals
     yield _bodies(container.names, 0, behind, container.quaternions)
     names = grain_names(packing)
     for block in blocks(n):
         yield _bodies(names[block], 1, sizes.centres[block], sizes.orientations[block])
 
 
-def _plate_radius(skin: Rounded) -> float:
+def _plate_radius(found: Skin) -> float:
     """Return the rounding radius [m] of the walls."""
-    return float(np.median(skin.radii))
+    return float(np.median(found.radii))
 
 
 def _bodies(names: list[str], group: int, centres: Floats, quaternions: Floats) -> bytes:
@@ -158,44 +166,38 @@ def _bodies(names: list[str], group: int, centres: Floats, quaternions: Floats) 
     return "".join([f"{name} {group} 0 1 {at} {still} {turn} {still}\n" for name, at, turn in rows]).encode()
 
 
-def _library(sizes: Bodies, skin: Rounded, container: Walls, density: float) -> Iterator[bytes]:
+def _library(packing: Packing, sizes: Bodies, found: Skin, container: Walls, *, rounding: float) -> Iterator[bytes]:
     """Yield the shapes: the grains, then the walls as plates with one face."""
     yield b"# sphero-polyhedra in SI, each about its centre of mass and along its principal axes\n"
-    cores = skin.cores
-    vertices = vertices_in(cores, sizes.centroids, sizes.axes, sizes.diameters)
-    for block in blocks(len(cores)):
-        yield _shapes(vertices, sizes, skin, density, block)
-    radius = _plate_radius(skin)
+    for block, mine, one in rounded_blocks(packing, sizes, rounding):
+        yield _shapes(block.start, mine, one, float(packing.densities[0]))
+    radius = _plate_radius(found)
     for name, (a, b) in zip(container.names, container.halves.tolist(), strict=True):
         yield _plate(name, a, b, radius)
 
 
-def _shapes(vertices: Floats, sizes: Bodies, skin: Rounded, density: float, block: slice) -> bytes:
+def _shapes(first: int, mine: Bodies, one: Rounded, density: float) -> bytes:
     """Return a block of grains as shapes; what can be said of them in one form is made in one go."""
-    cores, found = skin.cores, skin.edges
-    bounds = slice(block.start, block.stop + 1)
-    of_vertices, of_edges, of_faces = cores.vertex_offsets[bounds], found.offsets[bounds], cores.face_offsets[bounds]
-    seen = vertices[of_vertices[0] : of_vertices[-1]]
-    starts = of_vertices[:-1] - of_vertices[0]
+    cores = one.cores
+    seen = vertices_in(cores, mine.centroids, mine.axes, mine.diameters)
+    starts = cores.vertex_offsets[:-1]
     lower, upper = np.minimum.reduceat(seen, starts), np.maximum.reduceat(seen, starts)
-    radii = skin.radii[block]
-    counts = np.diff(cores.face_vertex_offsets[of_faces[0] : of_faces[-1] + 1])
-    corners = cores.face_vertices[cores.face_vertex_offsets[of_faces[0]] : cores.face_vertex_offsets[of_faces[-1]]]
-    faces = [f"{count} {row}\n" for count, row in zip(counts.tolist(), rows_of_text(corners, counts), strict=True)]
-    cuts = (of_faces - of_faces[0]).tolist()
+    counts = np.diff(cores.face_vertex_offsets)
+    corners = rows_of_text(cores.face_vertices, counts)
+    faces = [f"{count} {row}\n" for count, row in zip(counts.tolist(), corners, strict=True)]
     rows = zip(
-        [f"g{grain:06d}" for grain in range(block.start, block.stop)],
-        table_of_text(radii[:, None], digits=12),
-        np.diff(of_vertices).tolist(),
-        filled("%.12g %.12g %.12g\n", seen, np.diff(of_vertices)),
-        np.diff(of_edges).tolist(),
-        filled("%d %d\n", found.ends[of_edges[0] : of_edges[-1]], np.diff(of_edges)),
-        np.diff(of_faces).tolist(),
-        ["".join(faces[first:last]) for first, last in pairwise(cuts)],
-        table_of_text((upper - lower) / 2 + radii[:, None], digits=12),
+        [f"g{first + grain:06d}" for grain in range(len(cores))],
+        table_of_text(one.radii[:, None], digits=12),
+        np.diff(cores.vertex_offsets).tolist(),
+        filled("%.12g %.12g %.12g\n", seen, np.diff(cores.vertex_offsets)),
+        np.diff(one.edges.offsets).tolist(),
+        filled("%d %d\n", one.edges.ends, np.diff(one.edges.offsets)),
+        np.diff(cores.face_offsets).tolist(),
+        ["".join(faces[a:b]) for a, b in pairwise(cores.face_offsets.tolist())],
+        table_of_text((upper - lower) / 2 + one.radii[:, None], digits=12),
         table_of_text((upper + lower) / 2, digits=12),
-        table_of_text((sizes.masses[block] / density)[:, None], digits=14),
-        table_of_text(sizes.moments[block] / sizes.masses[block][:, None], digits=14),
+        table_of_text((mine.masses / density)[:, None], digits=14),
+        table_of_text(mine.moments / mine.masses[:, None], digits=14),
         strict=True,
     )
     return "".join([_SHAPE % row for row in rows]).encode()

@@ -130,8 +130,9 @@ def walls(packing: Packing, vertices: Floats, choice: str) -> Walls:
     packing : Packing
         Its domain is the container. Along a periodic axis, where cells reach over the boundary, it is as wide as the
         grains.
-    vertices : ndarray, shape (n_vertices, 3)
-        Those of the grains [m] in the world; walls reach a tenth of the container beyond them.
+    vertices : ndarray, shape (k, 3)
+        Those of the grains [m] in the world, or their lowest and highest coordinates; walls reach a tenth of the
+        container beyond them.
     choice : str
         One of `WALLS`. Where the bed is planar, y is up, and two more walls keep the grains in their plane.
     """

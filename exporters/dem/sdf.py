@@ -10,11 +10,11 @@ import numpy as np
 
 from exporters.check import check_choice, check_positive, grain_names
 from exporters.container import GRAIN_COLOURS, shades
-from exporters.dem.bodies import blocks, bodies
+from exporters.dem.bodies import blocks, bodies, extremes
 from exporters.dem.scene import WALLS, check_word, down, height, springs, walls
-from exporters.text import filled, rows_of_text, table_of_text
+from exporters.text import rows_of_text, table_of_text
 from exporters.units import GrainUnits, units_of
-from grainsdem.geometry.rotations import to_matrices, world_vertices
+from grainsdem.geometry.rotations import to_matrices
 from grainsdem.geometry.triangles import triangles
 
 if TYPE_CHECKING:
@@ -182,9 +182,9 @@ def _scales(packing: Packing, sizes: Bodies, options: SdfOptions) -> GrainUnits:
 
 def _world(packing: Packing, sizes: Bodies, scales: GrainUnits, *, options: SdfOptions, name: str) -> Iterator[bytes]:
     """Yield the world: gravity, the container, and one model a grain."""
-    world = world_vertices(packing)
+    ends = extremes(packing)
     d = float(np.median(sizes.diameters))
-    law = springs(sizes, options.depth * sizes.diameters, height(packing, world), options.gravity, steps=20)
+    law = springs(sizes, options.depth * sizes.diameters, height(packing, ends), options.gravity, steps=20)
     surface = _SURFACE.format(f"{options.friction:.9g}", f"{law.stiffness / scales.force * scales.length:.9g}")
     yield _HEADER.substitute(
         name=name,
@@ -195,7 +195,7 @@ def _world(packing: Packing, sizes: Bodies, scales: GrainUnits, *, options: SdfO
         gravity=rows_of_text(options.gravity / scales.acceleration * down(packing), [3])[0],
         time_step=f"{options.time_step * np.sqrt(d / options.gravity) / scales.time:.9g}",
     ).encode()
-    yield _container(walls(packing, world, options.walls), 2 * d, scales, surface).encode()
+    yield _container(walls(packing, ends, options.walls), 2 * d, scales, surface).encode()
     for block in blocks(len(packing)):
         yield _models(packing, sizes, scales, block, surface=surface, folder=f"{name}-meshes").encode()
     yield b"  </world>\n</sdf>\n"
@@ -255,7 +255,8 @@ def _poses(places: Floats, quaternions: Floats) -> list[str]:
 
 def _mesh(packing: Packing, cut: Triangles, grain: int, scales: GrainUnits) -> Iterator[bytes]:
     """Yield the OBJ of a grain in its own frame, made when it is written."""
-    vertices = packing.grains.vertices_of(grain) / scales.length
+    # Adding zero makes minus zero zero.
+    vertices = packing.grains.vertices_of(grain) / scales.length + 0.0
     faces = cut.indices[cut.offsets[grain] : cut.offsets[grain + 1]] + 1
-    texts = filled("v %.9g %.9g %.9g\n", vertices, [len(vertices)]) + filled("f %d %d %d\n", faces, [len(faces)])
-    yield "".join(texts).encode()
+    pattern = "v %.9g %.9g %.9g\n" * len(vertices) + "f %d %d %d\n" * len(faces)
+    yield (pattern % (*vertices.ravel().tolist(), *faces.ravel().tolist())).encode()

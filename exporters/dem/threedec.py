@@ -11,7 +11,7 @@ import numpy as np
 
 from exporters.check import check_choice, check_positive, grain_names
 from exporters.container import container_box
-from exporters.dem.bodies import blocks, bodies
+from exporters.dem.bodies import blocks, bodies, extremes, part
 from exporters.dem.scene import WALLS, check_word, down, height
 from exporters.text import filled, rows_of_text, table_of_text
 from grainsdem.geometry.rotations import world_vertices
@@ -111,19 +111,19 @@ def files(
 
 def _commands(packing: Packing, sizes: Bodies, options: ThreedecOptions, name: str) -> Iterator[bytes]:
     """Yield the walls, which are made first and named by being all that there is, then the grains and the joints."""
-    world = world_vertices(packing)
+    ends = extremes(packing)
     d = float(np.median(sizes.diameters))
     yield _HEADER.substitute(name=name, n_grains=len(packing)).encode()
-    container = _bricks(packing, world, options.walls, d)
+    container = _bricks(packing, ends, options.walls, d)
     for wall, corners in container.items():
         yield f"; {wall}\nblock create brick {table_of_text(corners.T.reshape(1, 6), digits=12)[0]}\n".encode()
     if container:
         yield b"block group 'walls'\n"
     for block in blocks(len(packing)):
-        yield _grains(packing, world, sizes, block).encode()
+        yield _grains(part(packing, block), sizes, block).encode()
     names, told = grain_names(packing), table_of_text(packing.densities[:, None], digits=12)
     # A force over a face of 0.2 d² that takes up what the heaviest grain gains in its fall.
-    drop = height(packing, world)
+    drop = height(packing, ends)
     stiffness = 2 * float(sizes.masses.max()) * options.gravity * drop / (0.2 * d**2 * (options.depth * d) ** 2)
     joint = f"stiffness-normal {stiffness:.9g} stiffness-shear {stiffness:.9g} "
     yield _FOOTER.substitute(
@@ -139,10 +139,10 @@ def _commands(packing: Packing, sizes: Bodies, options: ThreedecOptions, name: s
     ).encode()  # fmt: skip
 
 
-def _bricks(packing: Packing, world: Floats, choice: str, thickness: float) -> dict[str, Floats]:
+def _bricks(packing: Packing, ends: Floats, choice: str, thickness: float) -> dict[str, Floats]:
     """Return the corners [m] of the walls, shape (2, 3), by name: bricks that touch but do not overlap."""
-    lower, upper = container_box(packing, world)
-    top = np.maximum(upper, world.max(axis=0))
+    lower, upper = container_box(packing, ends)
+    top = np.maximum(upper, ends[1])
     planar = packing.domain.is_planar
     up, first, last = (1, 0, 2) if planar else (2, 0, 1)
     inside = np.stack([lower, np.where(np.arange(3) == up, top, upper)])
@@ -159,17 +159,15 @@ def _bricks(packing: Packing, world: Floats, choice: str, thickness: float) -> d
     return {"box": made, "floor": dict(list(made.items())[:1]), "none": {}}[choice]
 
 
-def _grains(packing: Packing, world: Floats, sizes: Bodies, block: slice) -> str:
+def _grains(mine: Packing, sizes: Bodies, block: slice) -> str:
     """Return the commands that make a block of grains, and those that name them by where they are."""
-    grains = packing.grains
-    first, last = grains.vertex_offsets[[block.start, block.stop]]
-    points = filled("%.12g,%.12g,%.12g", world[first:last], np.ones(last - first, dtype=np.int64))
+    grains = mine.grains
+    points = filled("%.12g,%.12g,%.12g", world_vertices(mine), np.ones(len(grains.vertices), dtype=np.int64))
     made = []
-    for grain in range(block.start, block.stop):
-        start = int(grains.vertex_offsets[grain] - first)
+    for grain, start in enumerate(grains.vertex_offsets[:-1].tolist()):
         # From counter-clockwise to clockwise.
         faces = [[points[start + corner] for corner in face[::-1].tolist()] for face in grains.faces_of(grain)]
-        made.append(_block(f"g{grain:06d}", faces))
+        made.append(_block(f"g{block.start + grain:06d}", faces))
     # A box of a thousandth of a diameter around each centre of mass, which no other grain has inside.
     reach = 5e-4 * sizes.diameters[block, None]
     bounds = np.stack([sizes.centres[block] - reach, sizes.centres[block] + reach], axis=2).reshape(-1, 6)

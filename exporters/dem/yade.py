@@ -14,11 +14,10 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from exporters.check import check_choice, check_positive
-from exporters.dem.bodies import bodies, vertices_in
+from exporters.dem.bodies import bodies, extremes, vertices_in
 from exporters.dem.scene import WALLS, check_word, down, height, walls
 from exporters.text import rows_of_text
 from exporters.units import GrainUnits, units_of
-from grainsdem.geometry.rotations import world_vertices
 
 if TYPE_CHECKING:
     from exporters.dem.bodies import Bodies
@@ -177,7 +176,7 @@ def _scales(packing: Packing, sizes: Bodies, options: YadeOptions) -> GrainUnits
 def _script(packing: Packing, sizes: Bodies, scales: GrainUnits, options: YadeOptions, name: str) -> str:
     """Return the script."""
     d = float(np.median(sizes.diameters))
-    drop = height(packing, world_vertices(packing))
+    drop = height(packing, extremes(packing))
     # Force is half of young times the volume of the overlap: on a face of 0.2 d², a grain that falls loses m g h over
     # the depth. The step is a tenth of √(m/k) of the lightest grain, with all of a median grain's section in contact.
     face = 0.2 * d**2
@@ -199,7 +198,7 @@ def _script(packing: Packing, sizes: Bodies, scales: GrainUnits, options: YadeOp
 
 def _arrays(packing: Packing, sizes: Bodies, scales: GrainUnits, options: YadeOptions) -> bytes:
     """Return the grains and the walls as one file of arrays; NumPy writes the same bytes for the same arrays."""
-    container = walls(packing, world_vertices(packing), options.walls)
+    container = walls(packing, extremes(packing), options.walls)
     seen = vertices_in(packing.grains, sizes.centroids, sizes.axes, sizes.diameters)
     file = io.BytesIO()
     np.savez(
