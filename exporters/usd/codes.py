@@ -15,7 +15,7 @@ _BYTES = np.array([0, 1, 2, 4])
 """Bytes that follow for each two-bit code: the commonest difference has none."""
 
 
-def packed(*parts: bytes) -> bytes:
+def packed(*parts: bytes | memoryview) -> bytes:
     """Return bytes as one block of LZ4 without matches, which every decoder takes.
 
     Matching would make the tables smaller, not the file: most of it is points and normals, which are not packed.
@@ -30,18 +30,22 @@ def packed(*parts: bytes) -> bytes:
 def packed_ints(values: ArrayLike) -> bytes:
     """Return whole numbers of 32 bits packed: length of the packed bytes, then those."""
     numbers = np.asarray(values, dtype=np.int32)
-    # Differences of 32 bits run over, and back again when they are summed up.
-    differences = np.diff(numbers, prepend=np.int32(0))
-    kinds, often = np.unique(differences[:_PIECE], return_counts=True)
+    kinds, often = np.unique(_differences(numbers, 0), return_counts=True)
     common = kinds[often.argmax()]
     codes, bytes_ = [], []
-    for start in range(0, differences.size, _PIECE):
-        piece = differences[start : start + _PIECE]
+    for start in range(0, numbers.size, _PIECE):
+        piece = _differences(numbers, start)
         coded = _codes(piece, common)
         codes.append(_two_bits(coded))
         bytes_.append(_variable(piece, coded))
     body = packed(common.tobytes(), *codes, *bytes_)
     return len(body).to_bytes(8, "little") + body
+
+
+def _differences(numbers: NDArray[np.int32], start: int) -> NDArray[np.int32]:
+    """Return the differences of a piece to the numbers before; of 32 bits they run over, and back when summed up."""
+    before = numbers[start - 1] if start else np.int32(0)
+    return np.diff(numbers[start : start + _PIECE], prepend=before)
 
 
 def _codes(differences: NDArray[np.int32], common: np.int32) -> NDArray[np.uint8]:

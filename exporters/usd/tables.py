@@ -180,7 +180,7 @@ def _fields(tables: Tables, alike: _Alike) -> tuple[bytes, bytes]:
     names = np.concatenate(
         [fields[:, 0].astype(np.int32), np.tile(np.array(alike.names, dtype=np.int32), len(alike.tokens))]
     )
-    reps = packed(np.concatenate([fields[:, 1], alike.reps.ravel()]).tobytes())
+    reps = packed(fields[:, 1].tobytes(), alike.reps.ravel().view(np.uint8).data)
     return packed_ints(names), len(reps).to_bytes(8, "little") + reps
 
 
@@ -206,25 +206,36 @@ def _sets(tables: Tables, alike: _Alike) -> Iterator[Ints]:
             own += [*row.fields, 0, _END]
             ends.append(len(own) - 2)
     n, k = alike.reps.shape
-    many = np.tile(np.array(own, dtype=np.int32), (n, 1))
+    numbers, many = _before(sets, n, own)
     many[:, ends] = len(tables.fields) + np.arange(n * k, dtype=np.int32).reshape(n, k)
-    yield np.concatenate([np.array(sets, dtype=np.int32), many.ravel()])
-    del many
-    where = np.tile(np.array(firsts, dtype=np.int32), (n, 1))
+    yield numbers
+    del numbers, many
+    numbers, many = _before(singles, n, firsts)
     has_own = [i for i, row in enumerate(alike.rows) if row.column is not None]
-    where[:, has_own] = (
-        len(sets) + np.array(starts, dtype=np.int32) + np.int32(len(own)) * np.arange(n, dtype=np.int32)[:, None]
-    )
-    yield np.concatenate([np.array(singles, dtype=np.int32), where.ravel()])
+    places = np.array(starts, dtype=np.int32) + np.int32(len(own)) * np.arange(n, dtype=np.int32)[:, None]
+    many[:, has_own] = len(sets) + places
+    yield numbers
+
+
+def _before(singles: list[int], n: int, row: list[int]) -> tuple[Ints, Ints]:
+    """Return some numbers with a row of others ``n`` times behind, and a view of the latter, shape (n, k)."""
+    numbers = np.empty(len(singles) + n * len(row), dtype=np.int32)
+    numbers[: len(singles)] = singles
+    many = numbers[len(singles) :].reshape(n, len(row))
+    many[:] = row
+    return numbers, many
 
 
 def _tree(tables: Tables, alike: _Alike) -> Iterator[Ints]:
     """Yield the name, then the jump, then the sort of each spec in the order of the tree."""
     n = len(alike.tokens)
     for k in range(3):
-        many = np.tile(np.array([row[k] for row in alike.rows], dtype=np.int32), (n, 1))
+        singles, repeated = (
+            [(row.element, row.jump, row.sort)[k] for row in rows] for rows in (tables.rows, alike.rows)
+        )
+        numbers, many = _before(singles, n, repeated)
         if n and k == 0:
             many[:, 0] = alike.tokens
         elif n and k == 1:
             many[-1, 0] = -1 if len(alike.rows) > 1 else -2  # no other follows the last
-        yield np.concatenate([np.array([row[k] for row in tables.rows], dtype=np.int32), many.ravel()])
+        yield numbers
