@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from grainsdem.geometry.integrals import Integrals
-    from grainsdem.model import ContactGraph, Packing
+    from grainsdem.model import CellLinks, ContactGraph, Packing
 
     Columns = dict[str, NDArray[Any]]
 
@@ -69,7 +69,7 @@ def table(packing: Packing) -> NDArray[np.void]:
     columns["mass"] = packing.densities * measured.volumes
     columns |= _axes(packing, measured)
     if packing.links is not None:
-        columns |= _neighborhood(packing)
+        columns |= _neighborhood(packing, packing.links)
     return _joined(columns)
 
 
@@ -95,8 +95,8 @@ def neighbor_table(packing: Packing) -> NDArray[np.void]:
     """
     if packing.links is None:
         raise InputError("the packing has lost the cells that it grew in, and with them its neighbours; see contacts")
-    faces, i, j = _across(packing)
-    columns: Columns = {"i": i, "j": j, "distance": _distances(packing, faces, i, j)}
+    faces, i, j, distances = _across(packing, packing.links)
+    columns: Columns = {"i": i, "j": j, "distance": distances}
     columns["area"] = face_planes(packing.grains).areas[faces]
     columns |= {f"shift_{axis}": packing.links.shifts[faces, k] for k, axis in enumerate("xyz")}
     return _joined(columns)
@@ -177,26 +177,19 @@ def _axes_in_plane(packing: Packing, measured: Integrals) -> Columns:
     return {"a": a, "b": b, "box_a": box_a, "box_b": box_b, "sieve_diameter": box_b, "elongation": box_b / box_a}
 
 
-def _across(packing: Packing) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.int32]]:
-    """Return the faces that another grain lies behind, the grain of each, and the one behind it."""
-    assert packing.links is not None  # noqa: S101  (its callers know)
-    faces = np.flatnonzero(packing.links.neighbors >= 0)
-    return faces, owners(packing.grains.face_offsets)[faces].astype(np.int32), packing.links.neighbors[faces]
+def _across(
+    packing: Packing, links: CellLinks
+) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.int32], NDArray[np.float64]]:
+    """Return the faces that another grain lies behind, whose they are, which grain it is, and its distance [m]."""
+    faces = np.flatnonzero(links.neighbors >= 0)
+    i, j = owners(packing.grains.face_offsets)[faces].astype(np.int32), links.neighbors[faces]
+    apart = packing.positions[j] - packing.positions[i] + links.shifts[faces] * packing.domain.lengths
+    return faces, i, j, np.asarray(np.sqrt(np.einsum("mk,mk->m", apart, apart)))
 
 
-def _distances(
-    packing: Packing, faces: NDArray[np.int64], i: NDArray[np.int32], j: NDArray[np.int32]
-) -> NDArray[np.float64]:
-    """Return the distances [m] of centroids across faces."""
-    assert packing.links is not None  # noqa: S101  (its callers know)
-    apart = packing.positions[j] - packing.positions[i] + packing.links.shifts[faces] * packing.domain.lengths
-    return np.asarray(np.sqrt(np.einsum("mk,mk->m", apart, apart)))
-
-
-def _neighborhood(packing: Packing) -> Columns:
+def _neighborhood(packing: Packing, links: CellLinks) -> Columns:
     """Return how many neighbours each grain has, and how far they are."""
-    faces, i, j = _across(packing)
-    distances = _distances(packing, faces, i, j)
+    _, i, _, distances = _across(packing, links)
     counts = np.bincount(i, minlength=len(packing))
     has_any = counts > 0
     mean, least = np.full((2, len(packing)), np.nan)
