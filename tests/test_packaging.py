@@ -43,7 +43,8 @@ def python(code, site, **options):
 
 
 def test_one_wheel_holds_both_packages_the_example_and_the_types(unpacked):
-    for name in ("grainsdem/cli/__init__.py", "exporters/mjcf.py", "grainsdem/ottawa_sand.toml", "grainsdem/py.typed"):
+    names = ("grainsdem/cli/__init__.py", "exporters/mjcf/__init__.py", "grainsdem/ottawa_sand.toml", "grainsdem/py.typed")
+    for name in names:
         assert (unpacked / name).is_file()
     assert not (unpacked / "tests").exists()
 
