@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from exporters.check import check_choice, check_positive
-from exporters.dem.bodies import bodies, extremes, vertices_in
+from exporters.dem.bodies import blocks, bodies, extremes, part, vertices_in
 from exporters.dem.scene import WALLS, check_word, down, height, walls
 from exporters.text import rows_of_text
 from exporters.units import GrainUnits, units_of
@@ -199,13 +199,17 @@ def _script(packing: Packing, sizes: Bodies, scales: GrainUnits, options: YadeOp
 def _arrays(packing: Packing, sizes: Bodies, scales: GrainUnits, options: YadeOptions) -> bytes:
     """Return the grains and the walls as one file of arrays; NumPy writes the same bytes for the same arrays."""
     container = walls(packing, extremes(packing), options.walls)
-    seen = vertices_in(packing.grains, sizes.centroids, sizes.axes, sizes.diameters)
+    vertices, offsets = np.empty_like(packing.grains.vertices), packing.grains.vertex_offsets
+    for block in blocks(len(packing)):
+        frames = (sizes.centroids[block], sizes.axes[block], sizes.diameters[block])
+        vertices[offsets[block.start] : offsets[block.stop]] = vertices_in(part(packing, block).grains, *frames)
+    vertices /= scales.length
     file = io.BytesIO()
     np.savez(
         file,
         ids=np.arange(len(packing)),
-        vertices=seen / scales.length,
-        vertex_offsets=packing.grains.vertex_offsets,
+        vertices=vertices,
+        vertex_offsets=offsets,
         centres=sizes.centres / scales.length,
         orientations=sizes.orientations,
         masses=sizes.masses / scales.mass,
