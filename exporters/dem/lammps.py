@@ -27,7 +27,7 @@ from exporters.dem.bodies import (
 )
 from exporters.dem.scene import SkinOptions, check_word, down, height, springs
 from exporters.text import rows_of_text, table_of_text
-from exporters.units import units_of
+from exporters.units import factors_of, units_of
 from grainsdem.geometry.rotations import to_matrices
 from grainsdem.ragged import offsets_from_counts, owners
 
@@ -148,9 +148,7 @@ def files(
 
 def factors(packing: Packing, options: SkinOptions) -> dict[str, float]:
     """Return the factors from the file's units to SI: lengths in m, masses in kg, times in s."""
-    sizes = bodies(packing)
-    scales = units_of(sizes.volumes, packing.densities, options.gravity)
-    return {"length": scales.length, "mass": scales.mass, "time": scales.time}
+    return factors_of(units_of(bodies(packing).volumes, packing.densities, options.gravity))
 
 
 def quads(shapes: Polyhedra) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -13,7 +13,7 @@ from exporters.container import GRAIN_COLOURS, shades
 from exporters.dem.bodies import blocks, bodies, extremes
 from exporters.dem.scene import WALLS, check_word, down, height, springs, walls
 from exporters.text import rows_of_text, table_of_text
-from exporters.units import GrainUnits, units_of
+from exporters.units import check_units, chosen_units, factors_of
 from grainsdem.geometry.rotations import to_matrices
 from grainsdem.geometry.triangles import triangles
 
@@ -24,13 +24,11 @@ if TYPE_CHECKING:
 
     from exporters.dem.bodies import Bodies
     from exporters.dem.scene import Walls
+    from exporters.units import GrainUnits, Units
     from grainsdem.geometry.triangles import Triangles
     from grainsdem.model import Packing
 
     Floats = NDArray[np.float64]
-
-UNITS = {"si": 1.0, "mm": 1e-3}
-"""Words for units of length [m], besides the grain's own."""
 
 _HEADER = Template("""\
 <?xml version="1.0"?>
@@ -116,7 +114,7 @@ class SdfOptions:
         If a number is out of range or a word is not one of those allowed.
     """
 
-    units: Literal["si", "mm", "grain"] | float = "si"
+    units: Units = "si"
     friction: float = 0.5
     gravity: float = 9.81
     depth: float = 0.01
@@ -124,10 +122,7 @@ class SdfOptions:
     walls: Literal["box", "floor", "none"] = "box"
 
     def __post_init__(self) -> None:
-        if isinstance(self.units, str):
-            check_choice("units", self.units, (*UNITS, "grain"))
-        else:
-            check_positive("units", self.units)
+        check_units(self.units)
         for name in ("gravity", "depth", "time_step"):
             check_positive(name, getattr(self, name))
         check_positive("friction", self.friction, or_zero=True)
@@ -160,7 +155,7 @@ def files(
     check_word(name)
     options = options or SdfOptions()
     sizes = bodies(packing)
-    scales = _scales(packing, sizes, options)
+    scales = chosen_units(options.units, sizes.volumes, packing.densities, options.gravity)
     cut = triangles(packing.grains)
     names = grain_names(packing)
     meshes = {f"{name}-meshes/{grain}.obj": _mesh(packing, cut, i, scales) for i, grain in enumerate(names)}
@@ -169,15 +164,7 @@ def files(
 
 def factors(packing: Packing, options: SdfOptions) -> dict[str, float]:
     """Return the factors from the file's units to SI: lengths in m, masses in kg, times in s."""
-    scales = _scales(packing, bodies(packing), options)
-    return {"length": scales.length, "mass": scales.mass, "time": scales.time}
-
-
-def _scales(packing: Packing, sizes: Bodies, options: SdfOptions) -> GrainUnits:
-    """Return the units of the file."""
-    if options.units == "grain":
-        return units_of(sizes.volumes, packing.densities, options.gravity)
-    return GrainUnits(UNITS[options.units] if isinstance(options.units, str) else options.units, 1.0, 1.0)
+    return factors_of(chosen_units(options.units, bodies(packing).volumes, packing.densities, options.gravity))
 
 
 def _world(packing: Packing, sizes: Bodies, scales: GrainUnits, *, options: SdfOptions, name: str) -> Iterator[bytes]:

@@ -17,10 +17,11 @@ from exporters.check import check_choice, check_positive
 from exporters.dem.bodies import blocks, bodies, extremes, part, vertices_in
 from exporters.dem.scene import WALLS, check_word, down, height, walls
 from exporters.text import rows_of_text
-from exporters.units import GrainUnits, units_of
+from exporters.units import check_units, chosen_units, factors_of
 
 if TYPE_CHECKING:
     from exporters.dem.bodies import Bodies
+    from exporters.units import GrainUnits, Units
     from grainsdem.model import Packing
 
 _SCRIPT = Template('''\
@@ -90,8 +91,9 @@ class YadeOptions:
 
     Parameters
     ----------
-    units : {"grain", "si"}
-        Grain units, where the median diameter, the density and gravity are one, or SI.
+    units : {"grain", "si", "mm"} or float
+        Grain units, where the median diameter, the density and gravity are one; SI; or the millimetre or so many
+        metres for lengths, with masses in kg and times in s.
     friction : float
         Coefficient of friction [1], among grains and with walls.
     damping : float
@@ -112,7 +114,7 @@ class YadeOptions:
         If a number is out of range or a word is not one of those allowed.
     """
 
-    units: Literal["grain", "si"] = "grain"
+    units: Units = "grain"
     friction: float = 0.5
     damping: float = 0.3
     gravity: float = 9.81
@@ -125,7 +127,7 @@ class YadeOptions:
             check_positive(name, getattr(self, name))
         for name in ("friction", "damping"):
             check_positive(name, getattr(self, name), or_zero=True)
-        check_choice("units", self.units, ("grain", "si"))
+        check_units(self.units)
         check_choice("walls", self.walls, WALLS)
 
 
@@ -153,7 +155,7 @@ def files(
     check_word(name)
     options = options or YadeOptions()
     sizes = bodies(packing)
-    scales = _scales(packing, sizes, options)
+    scales = chosen_units(options.units, sizes.volumes, packing.densities, options.gravity)
     return {
         f"{name}{suffix}": _script(packing, sizes, scales, options, name).encode(),
         f"{name}.npz": _arrays(packing, sizes, scales, options),
@@ -162,15 +164,7 @@ def files(
 
 def factors(packing: Packing, options: YadeOptions) -> dict[str, float]:
     """Return the factors from the file's units to SI: lengths in m, masses in kg, times in s."""
-    scales = _scales(packing, bodies(packing), options)
-    return {"length": scales.length, "mass": scales.mass, "time": scales.time}
-
-
-def _scales(packing: Packing, sizes: Bodies, options: YadeOptions) -> GrainUnits:
-    """Return the units of the file."""
-    if options.units == "si":
-        return GrainUnits(1.0, 1.0, 1.0)
-    return units_of(sizes.volumes, packing.densities, options.gravity)
+    return factors_of(chosen_units(options.units, bodies(packing).volumes, packing.densities, options.gravity))
 
 
 def _script(packing: Packing, sizes: Bodies, scales: GrainUnits, options: YadeOptions, name: str) -> str:
