@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -290,7 +291,7 @@ def test_files_are_not_replaced_unasked_and_nothing_is_left_behind(bed, seen, tm
     write_planform(seen, bed, tmp_path / "a", formats=["png"], overwrite=True)
     with pytest.raises(InputError, match="formats must be among png, npy, tif; got jpg"):
         write_planform(seen, bed, tmp_path / "b", formats=["jpg"])
-    monkeypatch.setitem(__import__("sys").modules, "tifffile", None)
+    monkeypatch.setitem(sys.modules, "tifffile", None)
     with pytest.raises(MissingPackageError, match=r'pip install "grainsdem\[images\]"'):
         write_planform(seen, bed, tmp_path / "b", formats=["tif"])
     assert not (tmp_path / "b").exists()

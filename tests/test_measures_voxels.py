@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -193,7 +194,7 @@ def test_a_broken_off_file_leaves_nothing_and_other_suffixes_are_refused(periodi
         write_voxels(periodic, tmp_path / "no" / "a.npy", size=0.1)
     with pytest.raises(FileFormatError, match=r"\.npy, \.tif, \.tiff, \.vti; got '\.raw'"):
         write_voxels(periodic, tmp_path / "a.raw", size=0.1)
-    monkeypatch.setitem(__import__("sys").modules, "tifffile", None)
+    monkeypatch.setitem(sys.modules, "tifffile", None)
     with pytest.raises(MissingPackageError, match=r'pip install "grainsdem\[images\]"'):
         write_voxels(periodic, tmp_path / "a.tif", size=0.1)
     assert list(tmp_path.iterdir()) == []

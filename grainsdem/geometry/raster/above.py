@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit, prange
 
 from grainsdem.geometry.integrals import face_planes
-from grainsdem.geometry.raster.copies import copies, turned_normals
+from grainsdem.geometry.raster.copies import copies, spread, turned_normals
 from grainsdem.geometry.rotations import to_matrices
 from grainsdem.ragged import offsets_from_counts
 
@@ -70,14 +70,10 @@ def look_down(packing: Packing, corner: Floats, pixel: Floats, counts: tuple[int
     order = np.lexsort((np.arange(found.ids.size), -found.upper[:, 2]))
     ids, centres = found.ids[order], found.centres[order]
     bounds = np.concatenate([found.lower[order], found.upper[order]], axis=1)
-    first = np.clip(np.floor((upper[1] - bounds[:, 4]) / pixel[1]).astype(np.int64), 0, ny - 1) // BAND
-    last = np.clip(np.floor((upper[1] - bounds[:, 1]) / pixel[1]).astype(np.int64), 0, ny - 1) // BAND
-    rows = np.repeat(np.arange(ids.size), last - first + 1)
-    bands = (
-        first[rows]
-        + np.arange(rows.size)
-        - np.repeat(np.cumsum(last - first + 1) - (last - first + 1), last - first + 1)
+    first, last = (
+        np.clip(np.floor((upper[1] - bounds[:, k]) / pixel[1]).astype(np.int64), 0, ny - 1) // BAND for k in (4, 1)
     )
+    rows, bands = spread(first, last)
     starts = offsets_from_counts(np.bincount(bands, minlength=-(-ny // BAND)))
     entries = rows[np.argsort(bands, kind="stable")]
     grains = packing.grains

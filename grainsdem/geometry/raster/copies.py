@@ -59,9 +59,8 @@ def copies(packing: Packing, lower: Floats, upper: Floats, *, wraps: tuple[bool,
     """
     low, high = boxes(packing)
     domain = packing.domain
-    slack = ROUNDING * float(
-        max(np.abs(low).max(initial=0.0), np.abs(high).max(initial=0.0), np.abs(domain.upper).max())
-    )
+    corners = low, high, domain.lower, domain.upper
+    slack = ROUNDING * max(float(np.abs(corner).max(initial=0.0)) for corner in corners)
     lower, upper = lower - slack, upper + slack
     ids = np.arange(len(packing))
     shifts = np.zeros((len(packing), 3), dtype=np.int64)
@@ -86,12 +85,23 @@ def _repeated(
     """Repeat copies along a periodic axis as often as they meet the window."""
     first = np.ceil((window[0][axis] - box[1][ids, axis]) / period).astype(np.int64)
     last = np.floor((window[1][axis] - box[0][ids, axis]) / period).astype(np.int64)
-    counts = np.maximum(last - first + 1, 0)
-    rows = np.repeat(np.arange(ids.size), counts)
-    steps = np.arange(rows.size) - np.repeat(np.cumsum(counts) - counts, counts)
+    rows, steps = spread(first, last)
     repeated = shifts[rows]
-    repeated[:, axis] = first[rows] + steps
+    repeated[:, axis] = steps
     return ids[rows], repeated
+
+
+def spread(first: NDArray[np.int64], last: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return for each row the whole numbers from its first to its last: the rows, repeated, and the numbers.
+
+    Examples
+    --------
+    >>> spread(np.array([4, 7, 0]), np.array([5, 6, 0]))
+    (array([0, 0, 2]), array([4, 5, 0]))
+    """
+    counts = np.maximum(last - first + 1, 0)
+    rows = np.repeat(np.arange(counts.size), counts)
+    return rows, first[rows] + np.arange(rows.size) - np.repeat(np.cumsum(counts) - counts, counts)
 
 
 def turned_normals(packing: Packing, normals: Floats) -> Floats:

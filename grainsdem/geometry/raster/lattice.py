@@ -9,7 +9,7 @@ from numba import njit, prange
 
 from grainsdem.geometry.clipping import box_planes
 from grainsdem.geometry.integrals import face_planes
-from grainsdem.geometry.raster.copies import copies, turned_normals
+from grainsdem.geometry.raster.copies import copies, spread, turned_normals
 from grainsdem.ragged import offsets_from_counts
 
 if TYPE_CHECKING:
@@ -104,10 +104,7 @@ def label_blocks(packing: Packing, lattice: Lattice, *, most: int = BLOCK) -> It
 
 def _by_layer(low: NDArray[np.int64], high: NDArray[np.int64], n: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return offsets and copies of each layer, in the order of the copies."""
-    low, high = np.maximum(low, 0), np.minimum(high, n - 1)
-    counts = np.maximum(high - low + 1, 0)
-    rows = np.repeat(np.arange(low.size), counts)
-    layers = low[rows] + np.arange(rows.size) - np.repeat(np.cumsum(counts) - counts, counts)
+    rows, layers = spread(np.maximum(low, 0), np.minimum(high, n - 1))
     return offsets_from_counts(np.bincount(layers, minlength=n)), rows[np.argsort(layers, kind="stable")]
 
 

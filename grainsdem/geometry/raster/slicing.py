@@ -164,14 +164,14 @@ def _cut(mesh, ids, centres, matrices, frame, distance, slack, offsets, points, 
         counts[j] = kept if kept >= 3 else 0
 
 
-def areas_inside(polygons: Polygons, outline: Floats) -> Floats:
+def areas_inside(points: Floats, offsets: NDArray[np.int64], outline: Floats) -> Floats:
     """Return the area [m²] of each polygon inside a convex outline, counter-clockwise, shape (k,)."""
     following = np.roll(outline, -1, axis=0) - outline
     normals = np.column_stack([following[:, 1], -following[:, 0]])
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     planes = np.column_stack([normals, np.einsum("ij,ij->i", normals, outline)])
-    result = np.empty(polygons.ids.size)
-    _clip(polygons.points, polygons.offsets, planes, result)
+    result = np.empty(offsets.size - 1)
+    _clip(points, offsets, planes, result)
     return result
 
 

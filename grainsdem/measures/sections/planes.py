@@ -180,4 +180,4 @@ def cut_domain(domain: Domain, frame: Floats, distance: float) -> Floats:
             break
     # Walls that meet in the plane give their corner once each.
     apart = np.abs(corners - np.roll(corners, 1, axis=0)).max(axis=1, initial=0.0) > slack
-    return corners[apart]
+    return np.asarray(corners[apart])

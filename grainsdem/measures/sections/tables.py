@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from grainsdem.geometry.forms.sizes import weighted_percentiles
-from grainsdem.geometry.raster.slicing import Polygons, areas_inside
+from grainsdem.geometry.raster.slicing import areas_inside
 from grainsdem.ragged import sum_rows
 
 if TYPE_CHECKING:
@@ -57,10 +57,7 @@ def section_table(section: Section) -> NDArray[np.void]:
     rows["n_corners"] = np.diff(section.offsets)
     area, middle, moments, rows["perimeter"] = _integrals(section.points, section.offsets)
     rows["area"], rows["u"], rows["v"] = area, middle[:, 0], middle[:, 1]
-    rows["area_inside"] = areas_inside(
-        Polygons(section.points, section.offsets, section.ids.astype(np.int64), section.shifts.astype(np.int64)),
-        section.outline,
-    )
+    rows["area_inside"] = areas_inside(section.points, section.offsets, section.outline)
     rows["diameter"] = np.sqrt(4 / np.pi * area)
     rows["a"], rows["b"] = ellipse_axes(*moments.T)
     rows["is_counted"] = _contains(section.outline, middle)

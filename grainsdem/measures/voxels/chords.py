@@ -106,7 +106,8 @@ def specific_surface(voxels: Voxels, *, method: Literal["correlation", "crofton"
     falls as h², once gaps are wider than about four voxels.
 
     ``"crofton"``: s = 2 P, in a plane (π / 2) P, with P the crossings of a unit of line. A line that leaves and enters
-    a phase between two voxels is not seen to cross, most often beside an edge: the error falls as h, and s is too small.
+    a phase between two voxels is not seen to cross, most often beside an edge: the error falls as h, and s is too
+    small.
 
     Both take the mean over the 13 directions to the nearest voxels, or 4 in a plane, each weighted with the part of the
     sphere that is nearest to it.
