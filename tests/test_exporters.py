@@ -33,8 +33,9 @@ def test_every_format_writes_the_same_bytes_twice_and_to_disk(poured, tmp_path, 
     assert exporters.files(poured, suffix) == content
     paths = exporters.write(poured, tmp_path / f"bed{suffix}")
     assert paths[0] == tmp_path / f"bed{suffix}"
-    assert {path.name: path.read_bytes() for path in paths} == content
-    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(content)
+    assert {path.relative_to(tmp_path).as_posix(): path.read_bytes() for path in paths} == content
+    on_disk = [path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*") if path.is_file()]
+    assert sorted(on_disk) == sorted(content)
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)

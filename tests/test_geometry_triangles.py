@@ -1,5 +1,7 @@
 """Triangles of faces, and principal axes, against trimesh and closed forms."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
@@ -9,7 +11,7 @@ from hypothesis import strategies as st
 from grainsdem.geometry.integrals import integrate
 from grainsdem.geometry.principal import principal_inertia
 from grainsdem.geometry.rotations import random_quaternions, to_matrices
-from grainsdem.geometry.triangles import best_apexes, triangles, vector_areas
+from grainsdem.geometry.triangles import best_apexes, best_fans, facets, triangles, vector_areas
 from grainsdem.model import Polyhedra
 
 
@@ -70,3 +72,25 @@ def test_the_axes_of_a_box_along_the_world_are_the_worlds():
     moments, quaternions = principal_inertia(np.diag([1.0, 2.0, 3.0])[None])
     assert moments.tolist() == [[1.0, 2.0, 3.0]]
     assert quaternions.tolist() == [[1.0, 0.0, 0.0, 0.0]]
+
+
+@pytest.mark.unit
+def test_facets_are_the_triangles_of_fans_with_the_normals_of_their_areas(fresh):
+    single = replace(fresh.grains, vertices=fresh.grains.vertices.astype(np.float32).astype(np.float64))
+    apexes, has_flat = best_fans(single)
+    assert not has_flat.any()
+    assert np.array_equal(apexes, best_apexes(single))
+    found, cut = facets(single, apexes), triangles(single, apexes=apexes)
+    starts = np.repeat(single.vertex_offsets[:-1], np.diff(cut.offsets))
+    assert np.array_equal(found.offsets, cut.offsets)
+    assert np.array_equal(found.corners, single.vertices[cut.indices + starts[:, None]])
+    areas = vector_areas(found.corners)
+    np.testing.assert_allclose(found.normals, areas / np.linalg.norm(areas, axis=1, keepdims=True), atol=1e-12)
+
+
+@pytest.mark.unit
+def test_a_face_that_is_a_line_is_told_by_its_fan():
+    line = Polyhedra([[0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 1, 0]], [0, 4], [0, 2], [0, 1, 2, 0, 1, 3], [0, 3, 6])
+    _, has_flat = best_fans(line)
+    assert has_flat.tolist() == [True, False]
+    assert np.isnan(facets(line, np.zeros(2, dtype=np.int64)).normals[0]).all()

@@ -26,8 +26,8 @@ from exporters.units import check_units, chosen_units
 from grainsdem.errors import InputError
 from grainsdem.geometry.integrals import integrate
 from grainsdem.geometry.rotations import world_vertices
-from grainsdem.geometry.triangles import best_apexes, triangles, vector_areas
-from grainsdem.model import Polyhedra
+from grainsdem.geometry.triangles import Facets, best_fans, facets, vector_areas
+from grainsdem.model import Packing, Polyhedra
 from grainsdem.ragged import offsets_from_counts, owners, sum_rows
 
 if TYPE_CHECKING:
@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from exporters.units import Units
-    from grainsdem.model import Packing
 
     Singles = NDArray[np.float32]
     Offsets = NDArray[np.int64]
@@ -112,14 +111,14 @@ def files(
     options = options or StlOptions()
     sizes = measured(packing).volumes
     length = chosen_units(options.units, sizes, packing.densities).length
-    counts = _counted(packing, sizes, options.origin, length)
+    plan = _planned(packing, sizes, options.origin, length)
     if options.per_grain:
         return _one_a_grain(packing, name, suffix, options, length)
     if not options.binary:
-        return {f"{name}{suffix}": _ascii(packing, options.origin, length)}
+        return {f"{name}{suffix}": _ascii(packing, plan)}
     return {
-        f"{name}{suffix}": _binary(packing, int(counts.sum()), options.origin, length),
-        f"{name}.grains.csv": _table(counts),
+        f"{name}{suffix}": _binary(packing, plan),
+        f"{name}.grains.csv": _table(plan.counts),
     }
 
 
@@ -151,62 +150,68 @@ def surface(packing: Packing, origin: Literal["world", "domain"] = "world") -> t
     InputError
         As `files`.
     """
-    counts = _counted(packing, measured(packing).volumes, origin, 1.0)
-    corners = [part.corners for _, part in _surfaces(packing, origin, 1.0)]
-    return np.concatenate(corners), offsets_from_counts(counts)
+    plan = _planned(packing, measured(packing).volumes, origin, 1.0)
+    corners = [part.corners for _, part in _surfaces(packing, plan)]
+    return np.concatenate(corners), offsets_from_counts(plan.counts)
 
 
-class _Surface(NamedTuple):
-    """The triangles of some grains, where each grain's begin, and what is left of them."""
+class _Plan(NamedTuple):
+    """What is known of a surface before it is made: where it lies, and how the faces of each stretch are cut.
 
-    corners: Singles
-    offsets: Offsets
-    grains: Polyhedra
-    is_flat: NDArray[np.bool_]
+    Stretches that lose faces or corners have nothing noted; they are looked at again.
+    """
 
-
-def _surfaces(packing: Packing, origin: str, length: float) -> Iterator[tuple[int, _Surface]]:
-    """Yield the number of the first grain of each stretch, and the surface of its grains in lengths of the file."""
-    shift = packing.domain.lower if origin == "domain" else 0.0
-    for first, part in stretches(packing):
-        world = (world_vertices(part) - shift) / length
-        yield first, _surface(replace(part.grains, vertices=world.astype(np.float32).astype(np.float64)))
+    shift: NDArray[np.float64] | float
+    length: float
+    counts: Offsets
+    apexes: list[NDArray[np.int32] | None]
 
 
-def _surface(grains: Polyhedra) -> _Surface:
-    """Return the surface of grains whose vertices are rounded already."""
-    corners, offsets = _cut(grains)
-    flat = owners(offsets)[_without_area(corners)]
-    if flat.size:
-        grains = _without_doubles(grains, np.unique(flat))
-        corners, offsets = _cut(grains)
-        flat = owners(offsets)[_without_area(corners)]
-    is_flat = np.zeros(len(grains), dtype=bool)
-    is_flat[flat] = True
-    return _Surface(corners, offsets, grains, is_flat)
-
-
-def _without_area(corners: Singles) -> NDArray[np.int64]:
-    """Return the triangles that have no area."""
-    areas = vector_areas(corners)
-    return np.flatnonzero((areas[:, 0] == 0) & (areas[:, 1] == 0) & (areas[:, 2] == 0))
-
-
-def _counted(packing: Packing, volumes: NDArray[np.float64], origin: str, length: float) -> Offsets:
-    """Return the number of triangles of each grain, once all grains are known to keep their volume."""
-    farthest = 0.0
-    counts = np.empty(len(packing), dtype=np.int64)
+def _planned(packing: Packing, volumes: NDArray[np.float64], origin: str, length: float) -> _Plan:
+    """Return the plan of a surface, once all grains are known to keep their volume in single precision."""
+    plan = _Plan(
+        packing.domain.lower if origin == "domain" else 0.0, length, np.empty(len(packing), dtype=np.int64), []
+    )
     bad = np.empty(len(packing), dtype=bool)
-    for first, part in _surfaces(packing, origin, length):
-        grains = slice(first, first + len(part.grains))
-        counts[grains] = np.diff(part.offsets)
-        farthest = max(farthest, float(np.abs(part.grains.vertices).max()) * length)
+    farthest = 0.0
+    for first, part in stretches(packing):
+        rounded = _rounded(part, plan)
+        grains, apexes, is_flat = _cut(rounded)
+        plan.apexes.append(apexes.astype(np.int32) if grains is rounded else None)
+        rows = slice(first, first + len(part))
+        counts = np.maximum(np.diff(grains.face_vertex_offsets) - 2, 0)
+        plan.counts[rows] = sum_rows(counts, grains.face_offsets)
+        farthest = max(farthest, float(np.abs(grains.vertices).max()) * length)
         # A hundredth of the volume: what is left of a flake is closed, but no longer the grain.
-        kept = integrate(part.grains).volumes * length**3
-        bad[grains] = part.is_flat | (np.abs(kept / volumes[grains] - 1.0) > 0.01)
+        kept = integrate(grains).volumes * length**3
+        bad[rows] = is_flat | (np.abs(kept / volumes[rows] - 1.0) > 0.01)
     _refuse_far(farthest, float(np.cbrt(volumes.min() * 6.0 / np.pi)))
     refuse("grains must not be so flat or small that single precision takes their volume", bad)
-    return counts
+    return plan
+
+
+def _rounded(part: Packing, plan: _Plan) -> Polyhedra:
+    """Return grains where they stand, in lengths of the file, their vertices rounded to single precision."""
+    world = (world_vertices(part) - plan.shift) / plan.length
+    return replace(part.grains, vertices=world.astype(np.float32).astype(np.float64))
+
+
+def _cut(grains: Polyhedra) -> tuple[Polyhedra, NDArray[np.int64], NDArray[np.bool_]]:
+    """Return grains without what rounding made points or lines, the apexes of their faces, and which are flat still."""
+    apexes, has_flat = best_fans(grains)
+    if has_flat.any():
+        grains = _without_doubles(grains, np.unique(owners(grains.face_offsets)[has_flat]))
+        apexes, has_flat = best_fans(grains)
+    is_flat = np.zeros(len(grains), dtype=bool)
+    is_flat[owners(grains.face_offsets)[has_flat]] = True
+    return grains, apexes, is_flat
+
+
+def _surfaces(packing: Packing, plan: _Plan) -> Iterator[tuple[int, Facets]]:
+    """Yield the number of the first grain of each stretch, and the surface of its grains."""
+    for (first, part), apexes in zip(stretches(packing), plan.apexes, strict=True):
+        rounded = _rounded(part, plan)
+        yield first, facets(*_cut(rounded)[:2]) if apexes is None else facets(rounded, apexes)
 
 
 def _refuse_far(farthest: float, diameter: float) -> None:
@@ -217,13 +222,6 @@ def _refuse_far(farthest: float, diameter: float) -> None:
             f"STL is read in single precision: {farthest:.4g} m from the origin its step is {step:.2g} m, more than "
             f"1e-4 of the smallest grain's {diameter:.4g} m; move the packing to the origin, or pass origin='domain'"
         )
-
-
-def _cut(grains: Polyhedra) -> tuple[Singles, Offsets]:
-    """Return the corners of the triangles, shape (m, 3, 3), and the offsets of each grain's."""
-    cut = triangles(grains, apexes=best_apexes(grains))
-    firsts = np.repeat(grains.vertex_offsets[:-1], np.diff(cut.offsets))
-    return grains.vertices.astype(np.float32)[cut.indices + firsts[:, None]], cut.offsets
 
 
 def _without_doubles(grains: Polyhedra, rows: NDArray[np.int64]) -> Polyhedra:
@@ -253,17 +251,11 @@ def _without_doubles(grains: Polyhedra, rows: NDArray[np.int64]) -> Polyhedra:
     )  # fmt: skip
 
 
-def _unit_normals(corners: Singles) -> NDArray[np.float64]:
-    """Return the outward unit normal of each triangle, shape (m, 3)."""
-    normals = vector_areas(corners)
-    lengths = np.sqrt(np.einsum("ij,ij->i", normals, normals))
-    normals /= lengths[:, None]
-    return normals
-
-
 def binary(corners: Singles) -> bytes:
     """Return binary STL: 80 bytes of header, the number of triangles, 50 bytes each."""
-    return _head(len(corners), 1.0) + _records(corners)
+    normals = vector_areas(corners)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return _head(len(corners), 1.0) + _records(corners, normals)
 
 
 def _head(n_triangles: int, length: float) -> bytes:
@@ -273,19 +265,19 @@ def _head(n_triangles: int, length: float) -> bytes:
     return f"grainsdem, {unit}".encode().ljust(80) + n_triangles.to_bytes(4, "little")
 
 
-def _records(corners: Singles) -> bytes:
+def _records(corners: Singles, normals: NDArray[np.float64]) -> bytes:
     """Return fifty bytes a triangle."""
     records = np.zeros(len(corners), dtype=RECORD)
-    records["normal"] = _unit_normals(corners)
+    records["normal"] = normals
     records["corners"] = corners
     return records.tobytes()
 
 
-def _binary(packing: Packing, n_triangles: int, origin: str, length: float) -> Iterator[bytes]:
+def _binary(packing: Packing, plan: _Plan) -> Iterator[bytes]:
     """Yield binary STL, a stretch of grains at a time."""
-    yield _head(n_triangles, length)
-    for _, part in _surfaces(packing, origin, length):
-        yield _records(part.corners)
+    yield _head(int(plan.counts.sum()), plan.length)
+    for _, part in _surfaces(packing, plan):
+        yield _records(part.corners, part.normals)
 
 
 def _table(counts: Offsets) -> Iterator[bytes]:
@@ -297,16 +289,14 @@ def _table(counts: Offsets) -> Iterator[bytes]:
         yield "".join(filled("%d,%d,%d\n", rows, np.ones(len(rows), dtype=np.int64))).encode()
 
 
-def _ascii(packing: Packing, origin: str, length: float) -> Iterator[bytes]:
-    """Yield ASCII STL: one solid a grain."""
-    names = grain_names(packing)
-    unit = "" if length == 1.0 else f" unit {length!r} m"
-    for first, part in _surfaces(packing, origin, length):
-        normals = _unit_normals(part.corners)[:, None, :]
-        facets = filled(
-            _FACET, np.concatenate([normals, part.corners.astype(np.float64)], axis=1), np.diff(part.offsets)
-        )
-        rows = zip(names[first:], facets, strict=False)  # names of the stretches after this one are left over
+def _ascii(packing: Packing, plan: _Plan, number: int = 0) -> Iterator[bytes]:
+    """Yield ASCII STL, one solid a grain, named from a number on."""
+    names = [f"g{i:06d}" for i in range(number, number + len(packing))]
+    unit = "" if plan.length == 1.0 else f" unit {plan.length!r} m"
+    for first, part in _surfaces(packing, plan):
+        numbers = np.concatenate([part.normals[:, None, :], part.corners.astype(np.float64)], axis=1)
+        bodies = filled(_FACET, numbers, np.diff(part.offsets))
+        rows = zip(names[first:], bodies, strict=False)  # names of the stretches after this one are left over
         yield "".join([f"solid {name}{unit}\n{body}endsolid {name}\n" for name, body in rows]).encode()
 
 
@@ -314,17 +304,17 @@ def _one_a_grain(
     packing: Packing, name: str, suffix: str, options: StlOptions, length: float
 ) -> dict[str, bytes | Iterable[bytes]]:
     """Return a file for every grain in a folder, made as it is written."""
+    volumes = integrate(packing.grains).volumes
 
     def content(i: int) -> Iterator[bytes]:
-        alone = replace(
-            packing,
-            grains=shapes_of(packing.grains, i, i + 1),
-            positions=packing.positions[i : i + 1],
-            quaternions=packing.quaternions[i : i + 1],
-            densities=packing.densities[i : i + 1],
-            links=None,
+        alone = Packing(
+            shapes_of(packing.grains, i, i + 1),
+            packing.positions[i : i + 1],
+            packing.quaternions[i : i + 1],
+            packing.densities[i : i + 1],
+            packing.domain,
         )
-        for _, part in _surfaces(alone, options.origin, length):
-            yield binary(part.corners)
+        plan = _planned(alone, volumes[i : i + 1], options.origin, length)
+        yield from _binary(alone, plan) if options.binary else _ascii(alone, plan, i)
 
     return {f"{name}/{grain}{suffix}": content(i) for i, grain in enumerate(grain_names(packing))}

@@ -61,10 +61,53 @@ def best_apexes(polyhedra: Polyhedra) -> NDArray[np.int64]:
     -----
     A fan from the end of a row of collinear corners holds a triangle without area; another does not.
     """
+    return best_fans(polyhedra)[0]
+
+
+def best_fans(polyhedra: Polyhedra) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Return the best apex of every face, and which faces have a triangle without area even so, shapes (n_faces,)."""
     p = polyhedra
-    result = np.zeros(p.n_faces, dtype=np.int64)
-    _best_apexes(p.vertices, p.vertex_offsets, p.face_offsets, p.face_vertices, p.face_vertex_offsets, result)
-    return result
+    apexes, smallest = np.zeros(p.n_faces, dtype=np.int64), np.empty(p.n_faces)
+    _best_apexes(p.vertices, p.vertex_offsets, p.face_offsets, p.face_vertices, p.face_vertex_offsets, apexes, smallest)
+    return apexes, smallest == 0.0
+
+
+class Facets(NamedTuple):
+    """Triangles that stand alone, as formats without shared vertices hold them.
+
+    Parameters
+    ----------
+    corners : ndarray of float32, shape (m, 3, 3)
+        Corners [m] of each triangle, counter-clockwise seen from outside.
+    normals : ndarray, shape (m, 3)
+        Outward unit normals; not a number for a triangle without area.
+    offsets : ndarray of int64, shape (n + 1,)
+        Triangles of each polyhedron.
+    """
+
+    corners: NDArray[np.float32]
+    normals: NDArray[np.float64]
+    offsets: NDArray[np.int64]
+
+
+def facets(polyhedra: Polyhedra, apexes: NDArray[np.integer]) -> Facets:
+    """Return the triangles of fans from given corners of the faces, in single precision.
+
+    Parameters
+    ----------
+    polyhedra : Polyhedra
+        Polyhedra whose vertices single precision holds exactly.
+    apexes : ndarray of int, shape (n_faces,)
+        Which corner of each face its fan starts from: see `best_fans`.
+    """
+    p = polyhedra
+    first = offsets_from_counts(np.maximum(np.diff(p.face_vertex_offsets) - 2, 0))
+    corners, normals = np.empty((first[-1], 3, 3), dtype=np.float32), np.empty((first[-1], 3))
+    _facets(
+        p.vertices, p.vertex_offsets, p.face_offsets, p.face_vertices, p.face_vertex_offsets,
+        np.asarray(apexes, dtype=np.int64), first, corners, normals,
+    )  # fmt: skip
+    return Facets(corners, normals, first[p.face_offsets])
 
 
 @njit(cache=True, parallel=True)
@@ -79,7 +122,7 @@ def _fans(corners, starts, counts, apexes, first, indices):  # type: ignore[no-u
 
 
 @njit(cache=True, parallel=True)
-def _best_apexes(vertices, vertex_offsets, face_offsets, corners, corner_offsets, result):  # type: ignore[no-untyped-def]
+def _best_apexes(vertices, vertex_offsets, face_offsets, corners, corner_offsets, result, areas):  # type: ignore[no-untyped-def]
     for i in prange(vertex_offsets.size - 1):
         v0 = vertex_offsets[i]
         for f in range(face_offsets[i], face_offsets[i + 1]):
@@ -108,6 +151,35 @@ def _best_apexes(vertices, vertex_offsets, face_offsets, corners, corner_offsets
                 if best < 0.0 or smallest > best * (1.0 + 1e-9):
                     best = smallest
                     result[f] = apex
+            areas[f] = best
+
+
+@njit(cache=True, parallel=True)
+def _facets(vertices, vertex_offsets, face_offsets, corners, corner_offsets, apexes, first, out, normals):  # type: ignore[no-untyped-def]
+    for i in prange(vertex_offsets.size - 1):
+        v0 = vertex_offsets[i]
+        for f in range(face_offsets[i], face_offsets[i + 1]):
+            c0 = corner_offsets[f]
+            k = corner_offsets[f + 1] - c0
+            a = v0 + corners[c0 + apexes[f]]
+            for t in range(k - 2):
+                row = first[f] + t
+                b = v0 + corners[c0 + (apexes[f] + t + 1) % k]
+                d = v0 + corners[c0 + (apexes[f] + t + 2) % k]
+                for j in range(3):
+                    out[row, 0, j] = vertices[a, j]
+                    out[row, 1, j] = vertices[b, j]
+                    out[row, 2, j] = vertices[d, j]
+                ux, uy = vertices[b, 0] - vertices[a, 0], vertices[b, 1] - vertices[a, 1]
+                uz = vertices[b, 2] - vertices[a, 2]
+                wx, wy = vertices[d, 0] - vertices[a, 0], vertices[d, 1] - vertices[a, 1]
+                wz = vertices[d, 2] - vertices[a, 2]
+                x, y, z = uy * wz - uz * wy, uz * wx - ux * wz, ux * wy - uy * wx
+                length = np.sqrt(x * x + y * y + z * z)
+                if length > 0.0:
+                    normals[row, 0], normals[row, 1], normals[row, 2] = x / length, y / length, z / length
+                else:
+                    normals[row, 0] = normals[row, 1] = normals[row, 2] = np.nan
 
 
 def vector_areas(corners: NDArray[np.float64] | NDArray[np.float32]) -> NDArray[np.float64]:
