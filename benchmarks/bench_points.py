@@ -1,6 +1,7 @@
 """Every point process at the paper's largest count: ``python benchmarks/bench_points.py [seeds]`` prints one table.
 
-Times are the better of two runs, kernels compiled.
+All run on one thread: times are processor time, which a busy machine changes least, and the better of two runs, kernels
+compiled.
 """
 
 from __future__ import annotations
@@ -17,9 +18,9 @@ from grainsdem.model import Domain
 def best(work, times=2):
     shortest = np.inf
     for _ in range(times):
-        start = time.perf_counter()
+        start = time.process_time()
         result = work()
-        shortest = min(shortest, time.perf_counter() - start)
+        shortest = min(shortest, time.process_time() - start)
     return shortest, result
 
 

@@ -33,8 +33,8 @@ LEAST_BATCH = 1024
 LEAST_PATIENCE = 100_000
 """Candidates refused in a row, at least, before a domain counts as full; or 100 for each point, where that is more."""
 
-MOST_CANDIDATES = 200_000_000
-"""Candidates in all, and 1000 more for each point: near a full domain each point takes longer than those before it."""
+MOST_CANDIDATES = 50_000_000
+"""Candidates in all, and 500 more for each point: near a full domain each point takes longer than those before it."""
 
 
 def strauss(
@@ -65,7 +65,8 @@ def strauss(
     Raises
     ------
     InputError
-        If a number is out of range, or so many points do not fit: max(100 000, 100 n) candidates in a row were refused.
+        If a number is out of range, or so many points do not fit: max(100 000, 100 n) candidates in a row were refused,
+        or 5·10⁷ and 500 n more were tried. The message says how many fit.
     """
     from grainsdem.geometry.inhibition.grid import make_grid  # noqa: PLC0415  (numba: half a second)
     from grainsdem.geometry.inhibition.sequential import admit  # noqa: PLC0415  (the same)
@@ -84,7 +85,7 @@ def strauss(
         most = _most_near(generator.random(size), inhibition)
         placed, refused = admit(grid, links, points, placed, candidates, most, refused, patience)
         tried += size
-        if placed < n and (refused >= patience or tried >= MOST_CANDIDATES + 1000 * n):
+        if placed < n and (refused >= patience or tried >= MOST_CANDIDATES + 500 * n):
             why = f"{refused} candidates in a row were" if refused >= patience else f"{tried - placed} candidates were"
             raise InputError(
                 f"only {placed} of {n} points fit at a distance of {distance} m and an inhibition of {inhibition}: "
