@@ -9,7 +9,7 @@ import pytest
 from conftest import cube_packing
 
 from exporters.mjcf import MjcfOptions
-from exporters.mujoco_log import quiet
+from exporters.mjcf.log import quiet
 from grainsdem.dynamics import scene as scenes
 from grainsdem.dynamics import settle
 from grainsdem.dynamics.mechanics import sample

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 from exporters.check import check_name
 from exporters.mjcf.document import around
 from exporters.mjcf.grains import bodies, measure, shapes
+from exporters.mjcf.log import quiet
 from exporters.mjcf.options import MjcfOptions
-from exporters.mujoco_log import quiet
 from exporters.units import GrainUnits, chosen_units, factors_of, units
 from grainsdem.geometry.integrals import volumes
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from exporters.mujoco_log import quiet
+from exporters.mjcf.log import quiet
 from exporters.reading.rebuild import Shape, gather, placed
 from grainsdem.errors import FileFormatError
 from grainsdem.geometry.rotations import to_matrices

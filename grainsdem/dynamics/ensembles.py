@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from exporters.mujoco_log import quiet
+from exporters.mjcf.log import quiet
 from grainsdem.dynamics.engine.lockstep import Lockstep, UnlikeError
 from grainsdem.errors import InputError, WriteError
 from grainsdem.workers import n_processors, share

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from exporters.mujoco_log import quiet
+from exporters.mjcf.log import quiet
 from grainsdem.dynamics.engine import cache
 from grainsdem.dynamics.engine.contract import Contacts, EngineError, Motion
 from grainsdem.errors import InputError
