@@ -141,6 +141,26 @@ def test_visible_areas_tile_the_picture_and_none_exceeds_its_grains_projection(b
     assert (rows["a"] >= rows["b"]).all()
 
 
+@pytest.mark.client
+def test_scikit_image_measures_the_same_regions_on_the_label_map(tmp_path):
+    from skimage.measure import regionprops_table
+
+    domain = Domain.cube(1.0)
+    packing = shrink(carve(tessellate(poisson(domain, 120, rng=7), domain)), scale=0.85)
+    view = planform(packing, pixel=0.004)
+    write_planform(view, packing, tmp_path / "a", formats=["npy"])
+    names = ("label", "area", "axis_major_length", "axis_minor_length", "equivalent_diameter_area")
+    theirs = regionprops_table(np.load(tmp_path / "a" / "labels.npy"), properties=names)
+    ours = planform_table(view, packing)
+    np.testing.assert_array_equal(theirs["label"] - 1, ours["id"])
+    np.testing.assert_array_equal(theirs["area"], ours["n_pixels"])
+    h = view.pixel[0]
+    for name, column in (("axis_major_length", "apparent_a"), ("axis_minor_length", "apparent_b")):
+        # It takes pixels for points; a square has a second moment of its own, h²/12.
+        np.testing.assert_allclose(np.sqrt((theirs[name] * h) ** 2 + 16 * h**2 / 12), ours[column], rtol=1e-9)
+    np.testing.assert_allclose(theirs["equivalent_diameter_area"] * h, ours["apparent_diameter"], rtol=1e-12)
+
+
 @pytest.mark.statistical
 def test_in_a_planar_bed_grains_seem_as_large_as_they_are():
     domain = Domain.slab([1.0, 1.0], 0.1)
