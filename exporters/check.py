@@ -82,8 +82,9 @@ def grain_names(packing: Packing) -> list[str]:
 
 def check_positive(name: str, value: float, *, or_zero: bool = False) -> None:
     """Raise `InputError` unless ``value`` is a finite number above zero (or zero)."""
-    if not (math.isfinite(value) and (value > 0 or (or_zero and value == 0))):
-        raise InputError(f"{name} must be {'zero or more' if or_zero else 'positive'} and finite; got {value}")
+    is_number = isinstance(value, (int, float, np.number))
+    if not (is_number and math.isfinite(value) and (value > 0 or (or_zero and value == 0))):
+        raise InputError(f"{name} must be {'zero or more' if or_zero else 'positive'} and finite; got {value!r}")
 
 
 def check_name(name: str) -> None:

@@ -150,12 +150,12 @@ def test_names_that_are_not_one_word_are_refused(tmp_path, suffix):
 
 @pytest.mark.unit
 @each_format
-def test_the_same_bed_gives_the_same_bytes_and_the_same_numbers_wherever_its_blocks_end(name, suffix, monkeypatch):
+def test_the_same_bed_gives_the_same_bytes_and_the_same_numbers_wherever_its_stretches_end(name, suffix, monkeypatch):
     bed = small_bed(1e-3)
     whole = exporters.files(bed, name)
     assert whole == exporters.files(bed, suffix)
-    monkeypatch.setattr("exporters.dem.bodies.BLOCK", 4)
-    # Commands that name grains come after each block of them.
+    monkeypatch.setattr("exporters.check.STRETCH", 4)
+    # Commands that name grains come after each stretch of them.
     parts = exporters.files(bed, name)
     assert {key: sorted(value.splitlines()) for key, value in parts.items()} == {
         key: sorted(value.splitlines()) for key, value in whole.items()

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from exporters.check import measured
+from exporters.check import measured, stretches
 from grainsdem.errors import InputError
 from grainsdem.geometry.integrals import face_planes, integrate
 from grainsdem.geometry.principal import principal_inertia
-from grainsdem.geometry.rotations import multiply, to_matrices, world_vertices
+from grainsdem.geometry.rotations import multiply, to_matrices
 from grainsdem.packing import inset
 from grainsdem.ragged import owners, sum_rows
 
@@ -27,9 +27,6 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 _logger = logging.getLogger(__name__)
-
-BLOCK = 1024
-"""Grains that are made into text at once, so that a file never is in memory as a whole."""
 
 
 class Bodies(NamedTuple):
@@ -108,15 +105,6 @@ def vertices_in(shapes: Polyhedra, origins: Floats, quaternions: Floats, digits:
     seen = np.einsum("nji,nj->ni", matrices, shapes.vertices - np.repeat(origins, counts, axis=0))
     unit = np.repeat(digits, counts)[:, None]
     return np.asarray((seen / unit).round(12) * unit)
-
-
-def extremes(packing: Packing) -> Floats:
-    """Return the lowest and the highest coordinates [m] of all vertices in the world, shape (2, 3)."""
-    ends = []
-    for block in blocks(len(packing)):
-        world = world_vertices(part(packing, block))
-        ends += [world.min(axis=0), world.max(axis=0)]
-    return np.stack([np.min(ends, axis=0), np.max(ends, axis=0)])
 
 
 class Edges(NamedTuple):
@@ -240,7 +228,7 @@ class Skin(NamedTuple):
 
 
 def skin(packing: Packing, sizes: Bodies, rounding: float) -> Skin:
-    """Return what rounding makes of the grains, found block by block.
+    """Return what rounding makes of the grains, found a stretch of grains at a time.
 
     Raises
     ------
@@ -249,7 +237,7 @@ def skin(packing: Packing, sizes: Bodies, rounding: float) -> Skin:
     """
     rows: list[tuple[NDArray[Any], ...]] = []
     try:
-        for _, _, one in rounded_blocks(packing, sizes, rounding):
+        for _, _, one in rounded_parts(packing, sizes, rounding):
             pieces = (np.diff(one.cores.face_vertex_offsets) - 1) // 2
             counts = (np.diff(one.cores.vertex_offsets), np.diff(one.edges.offsets))
             rows.append((one.radii, one.volumes, *counts, sum_rows(pieces, one.cores.face_offsets)))
@@ -261,35 +249,11 @@ def skin(packing: Packing, sizes: Bodies, rounding: float) -> Skin:
     return found
 
 
-def rounded_blocks(packing: Packing, sizes: Bodies, rounding: float) -> Iterator[tuple[slice, Bodies, Rounded]]:
-    """Yield which grains a block holds, the same as bodies, and rounded."""
-    for block in blocks(len(packing)):
-        mine = Bodies(*(values[block] for values in sizes))
-        yield block, mine, rounded(part(packing, block), mine, rounding)
-
-
-def part(packing: Packing, block: slice) -> Packing:
-    """Return a block of the grains, without what they know of their cells."""
-    grains = packing.grains
-    bounds = slice(block.start, block.stop + 1)
-    of_vertices, of_faces = grains.vertex_offsets[bounds], grains.face_offsets[bounds]
-    of_corners = grains.face_vertex_offsets[of_faces[0] : of_faces[-1] + 1]
-    shapes = replace(
-        grains,
-        vertices=grains.vertices[of_vertices[0] : of_vertices[-1]],
-        vertex_offsets=of_vertices - of_vertices[0],
-        face_offsets=of_faces - of_faces[0],
-        face_vertices=grains.face_vertices[of_corners[0] : of_corners[-1]],
-        face_vertex_offsets=of_corners - of_corners[0],
-    )
-    return replace(
-        packing,
-        grains=shapes,
-        positions=packing.positions[block],
-        quaternions=packing.quaternions[block],
-        densities=packing.densities[block],
-        links=None,
-    )
+def rounded_parts(packing: Packing, sizes: Bodies, rounding: float) -> Iterator[tuple[slice, Bodies, Rounded]]:
+    """Yield the grains a stretch at a time: which of all they are, as bodies, and rounded."""
+    for rows, part in parts(packing):
+        mine = Bodies(*(values[rows] for values in sizes))
+        yield rows, mine, rounded(part, mine, rounding)
 
 
 def report(packing: Packing, options: SkinOptions) -> dict[str, float]:
@@ -317,7 +281,7 @@ def _lost(found: Skin, sizes: Bodies) -> dict[str, float]:
     }
 
 
-def blocks(n_grains: int) -> Iterator[slice]:
-    """Yield slices of at most `BLOCK` grains."""
-    for start in range(0, n_grains, BLOCK):
-        yield slice(start, min(start + BLOCK, n_grains))
+def parts(packing: Packing) -> Iterator[tuple[slice, Packing]]:
+    """Yield the grains a stretch at a time: which of all they are, and a packing of them."""
+    for first, part in stretches(packing):
+        yield slice(first, first + len(part)), part

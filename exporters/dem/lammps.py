@@ -14,13 +14,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from exporters.check import refuse
-from exporters.container import container_box
+from exporters.container import container_box, world_bounds
 from exporters.dem.bodies import (
-    blocks,
     bodies,
-    extremes,
+    parts,
     report,
-    rounded_blocks,
+    rounded_parts,
     rounding_comment,
     skin,
     vertices_in,
@@ -114,7 +113,7 @@ class _Bed:
     sizes: Bodies
     scales: GrainUnits
     skin: Skin
-    extremes: Floats
+    bounds: Floats
 
     @property
     def told(self) -> dict[str, object]:
@@ -142,7 +141,7 @@ def files(
     scales = units_of(sizes.volumes, packing.densities, options.gravity)
     found = skin(packing, sizes, options.rounding)
     _refuse_long(found)
-    bed = _Bed(packing, name, options, sizes, scales, found, extremes(packing))
+    bed = _Bed(packing, name, options, sizes, scales, found, world_bounds(packing))
     return {f"{name}{suffix}": _script(bed).encode(), f"{name}.data": _data(bed)}
 
 
@@ -181,7 +180,7 @@ def _refuse_long(found: Skin) -> None:
 def _script(bed: _Bed) -> str:
     """Return the commands that read the data and let the grains fall."""
     sizes, found, scales, options = bed.sizes, bed.skin, bed.scales, bed.options
-    law = springs(sizes, options.depth * found.radii, height(bed.packing, bed.extremes), options.gravity, steps=20)
+    law = springs(sizes, options.depth * found.radii, height(bed.packing, bed.bounds), options.gravity, steps=20)
     stiffness = law.stiffness / scales.force * scales.length
     time_step = law.time_step / scales.time
     # A pair of median grains: half the mass of one.
@@ -211,7 +210,7 @@ def _script(bed: _Bed) -> str:
 
 def _walls(bed: _Bed, law: str) -> str:
     """Return one command an axis; a wall that is not there is NULL."""
-    lower, upper = (corner / bed.scales.length for corner in container_box(bed.packing, bed.extremes))
+    lower, upper = (corner / bed.scales.length for corner in container_box(bed.packing, bed.bounds))
     planar, choice = bed.packing.domain.is_planar, bed.options.walls
     floor = 1 if planar else 2
     closed = {"box": [0, 2] if planar else [0, 1], "floor": [], "none": []}[choice]
@@ -227,30 +226,30 @@ def _walls(bed: _Bed, law: str) -> str:
 def _data(bed: _Bed) -> Iterator[bytes]:
     """Yield the box, where the atoms are, and what bodies they have."""
     sizes, length = bed.sizes, bed.scales.length
-    lower, upper = container_box(bed.packing, bed.extremes)
-    box = [np.minimum(lower, bed.extremes[0]), np.maximum(upper, bed.extremes[1])]
-    rows = zip(table_of_text(np.transpose(box) / length, digits=12), "xyz", strict=True)
-    yield _HEADER.substitute(bed.told, box="\n".join(f"{row} {axis}lo {axis}hi" for row, axis in rows)).encode()
-    for block in blocks(len(bed.packing)):
-        masses = table_of_text(sizes.masses[block, None] / bed.scales.mass, digits=14)
-        places = table_of_text(sizes.centres[block] / length, digits=14)
-        atoms = zip(range(block.start + 1, block.stop + 1), masses, places, strict=True)
+    lower, upper = container_box(bed.packing, bed.bounds)
+    box = [np.minimum(lower, bed.bounds[0]), np.maximum(upper, bed.bounds[1])]
+    edges = zip(table_of_text(np.transpose(box) / length, digits=12), "xyz", strict=True)
+    yield _HEADER.substitute(bed.told, box="\n".join(f"{row} {axis}lo {axis}hi" for row, axis in edges)).encode()
+    for rows, _ in parts(bed.packing):
+        masses = table_of_text(sizes.masses[rows, None] / bed.scales.mass, digits=14)
+        places = table_of_text(sizes.centres[rows] / length, digits=14)
+        atoms = zip(range(rows.start + 1, rows.stop + 1), masses, places, strict=True)
         yield "".join([f"{atom} 1 1 {mass} {place}\n" for atom, mass, place in atoms]).encode()
     yield b"\nBodies\n\n"
-    for block, mine, one in rounded_blocks(bed.packing, sizes, bed.options.rounding):
-        yield _bodies(bed, block, mine, one)
+    for rows, mine, one in rounded_parts(bed.packing, sizes, bed.options.rounding):
+        yield _bodies(bed, rows, mine, one)
 
 
-def _bodies(bed: _Bed, block: slice, mine: Bodies, one: Rounded) -> bytes:
-    """Return a block of bodies, in the axes of the box and about their centres of mass."""
+def _bodies(bed: _Bed, rows: slice, mine: Bodies, one: Rounded) -> bytes:
+    """Return a stretch of bodies, in the axes of the box and about their centres of mass."""
     cores, length = one.cores, bed.scales.length
-    vertices = vertices_in(cores, mine.centroids, bed.packing.quaternions[block] * [1, -1, -1, -1], mine.diameters)
+    vertices = vertices_in(cores, mine.centroids, bed.packing.quaternions[rows] * [1, -1, -1, -1], mine.diameters)
     pieces, piece_offsets = quads(cores)
     turns = to_matrices(mine.orientations)
     moments = mine.moments / bed.scales.inertia
     six = np.einsum("nik,nk,njk->nij", turns, moments, turns)[:, [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-    rows = zip(
-        range(block.start + 1, block.stop + 1),
+    texts = zip(
+        range(rows.start + 1, rows.stop + 1),
         # Noise around zero is not written as numbers of its own.
         table_of_text((six / moments[:, 2:]).round(15) * moments[:, 2:], digits=14),
         _lines(vertices / length, cores.vertex_offsets, "reals"),
@@ -264,7 +263,7 @@ def _bodies(bed: _Bed, block: slice, mine: Bodies, one: Rounded) -> bytes:
     )
     return "".join([
         f"{atom} 3 {6 + 3 * v + 2 * e + 4 * f + 1}\n{v} {e} {f}\n{inertia}\n{points}{ends}{corners}{diameter}\n"
-        for atom, inertia, points, ends, corners, diameter, v, e, f in rows
+        for atom, inertia, points, ends, corners, diameter, v, e, f in texts
     ]).encode()  # fmt: skip
 
 

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from exporters.check import grain_names
+from exporters.container import world_bounds
 from exporters.dem.bodies import (
-    blocks,
     bodies,
-    extremes,
+    parts,
     report,
-    rounded_blocks,
+    rounded_parts,
     rounding_comment,
     skin,
     vertices_in,
@@ -102,7 +102,7 @@ def files(
     options = options or SkinOptions()
     sizes = bodies(packing)
     found = skin(packing, sizes, options.rounding)
-    container = walls(packing, extremes(packing), options.walls)
+    container = walls(packing, world_bounds(packing), options.walls)
     return {
         f"{name}{suffix}": _configuration(packing, sizes, found, container, name=name, options=options),
         f"{name}.shp": _library(packing, sizes, found, container, rounding=options.rounding),
@@ -115,7 +115,7 @@ def _configuration(
     """Yield the file of settings and poses, the driven walls first."""
     n, k = len(packing), len(container.names)
     d = float(np.median(sizes.diameters))
-    drop = height(packing, extremes(packing))
+    drop = height(packing, world_bounds(packing))
     law = springs(sizes, options.depth * found.radii, drop, options.gravity, steps=50)
     time = float(np.sqrt(d / options.gravity))
     contact = {
@@ -149,8 +149,8 @@ def _configuration(
     behind = container.centres - _plate_radius(found) * container.normals
     yield _bodies(container.names, 0, behind, container.quaternions)
     names = grain_names(packing)
-    for block in blocks(n):
-        yield _bodies(names[block], 1, sizes.centres[block], sizes.orientations[block])
+    for rows, _ in parts(packing):
+        yield _bodies(names[rows], 1, sizes.centres[rows], sizes.orientations[rows])
 
 
 def _plate_radius(found: Skin) -> float:
@@ -169,15 +169,15 @@ def _bodies(names: list[str], group: int, centres: Floats, quaternions: Floats) 
 def _library(packing: Packing, sizes: Bodies, found: Skin, container: Walls, *, rounding: float) -> Iterator[bytes]:
     """Yield the shapes: the grains, then the walls as plates with one face."""
     yield b"# sphero-polyhedra in SI, each about its centre of mass and along its principal axes\n"
-    for block, mine, one in rounded_blocks(packing, sizes, rounding):
-        yield _shapes(block.start, mine, one, float(packing.densities[0]))
+    for rows, mine, one in rounded_parts(packing, sizes, rounding):
+        yield _shapes(rows.start, mine, one, float(packing.densities[0]))
     radius = _plate_radius(found)
     for name, (a, b) in zip(container.names, container.halves.tolist(), strict=True):
         yield _plate(name, a, b, radius)
 
 
 def _shapes(first: int, mine: Bodies, one: Rounded, density: float) -> bytes:
-    """Return a block of grains as shapes; what can be said of them in one form is made in one go."""
+    """Return a stretch of grains as shapes; what can be said of them in one form is made in one go."""
     cores = one.cores
     seen = vertices_in(cores, mine.centroids, mine.axes, mine.diameters)
     starts = cores.vertex_offsets[:-1]

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from exporters.check import check_choice, check_positive, grain_names
-from exporters.container import GRAIN_COLOURS, shades
-from exporters.dem.bodies import blocks, bodies, extremes
+from exporters.container import GRAIN_COLOURS, shades, world_bounds
+from exporters.dem.bodies import bodies, parts
 from exporters.dem.scene import WALLS, check_word, down, height, springs, walls
 from exporters.text import rows_of_text, table_of_text
 from exporters.units import check_units, chosen_units, factors_of
@@ -169,7 +169,7 @@ def factors(packing: Packing, options: SdfOptions) -> dict[str, float]:
 
 def _world(packing: Packing, sizes: Bodies, scales: GrainUnits, *, options: SdfOptions, name: str) -> Iterator[bytes]:
     """Yield the world: gravity, the container, and one model a grain."""
-    ends = extremes(packing)
+    ends = world_bounds(packing)
     d = float(np.median(sizes.diameters))
     law = springs(sizes, options.depth * sizes.diameters, height(packing, ends), options.gravity, steps=20)
     surface = _SURFACE.format(f"{options.friction:.9g}", f"{law.stiffness / scales.force * scales.length:.9g}")
@@ -183,8 +183,8 @@ def _world(packing: Packing, sizes: Bodies, scales: GrainUnits, *, options: SdfO
         time_step=f"{options.time_step * np.sqrt(d / options.gravity) / scales.time:.9g}",
     ).encode()
     yield _container(walls(packing, ends, options.walls), 2 * d, scales, surface).encode()
-    for block in blocks(len(packing)):
-        yield _models(packing, sizes, scales, block, surface=surface, folder=f"{name}-meshes").encode()
+    for rows, part in parts(packing):
+        yield _models(part, sizes, scales, rows, surface=surface, folder=f"{name}-meshes").encode()
     yield b"  </world>\n</sdf>\n"
 
 
@@ -203,20 +203,20 @@ def _container(container: Walls, thickness: float, scales: GrainUnits, surface: 
     return _CONTAINER % "".join([_WALL % row for row in rows])
 
 
-def _models(packing: Packing, sizes: Bodies, scales: GrainUnits, block: slice, *, surface: str, folder: str) -> str:
-    """Return a block of grains."""
-    names = grain_names(packing)[block]
+def _models(part: Packing, sizes: Bodies, scales: GrainUnits, rows: slice, *, surface: str, folder: str) -> str:
+    """Return a stretch of grains."""
+    names = [f"g{grain:06d}" for grain in range(rows.start, rows.stop)]
     paths = [f"{folder}/{name}.obj" for name in names]
     colours = [" ".join(f"{part:g}" for part in rgb) for rgb in GRAIN_COLOURS.values()]
-    own = [colours[shade] for shade in shades(len(packing))[block]]
+    own = [colours[shade] for shade in shades(rows.stop)[rows]]
     # Noise around zero is not written as numbers of its own.
-    centroids = (sizes.centroids[block] / sizes.diameters[block, None]).round(12) * sizes.diameters[block, None]
-    moments = sizes.moments[block] / scales.inertia
-    rows = zip(
+    centroids = (sizes.centroids[rows] / sizes.diameters[rows, None]).round(12) * sizes.diameters[rows, None]
+    moments = sizes.moments[rows] / scales.inertia
+    texts = zip(
         names,
-        _poses(packing.positions[block] / scales.length, packing.quaternions[block]),
-        _poses(centroids / scales.length, sizes.axes[block]),
-        table_of_text(sizes.masses[block, None] / scales.mass, digits=12),
+        _poses(part.positions / scales.length, part.quaternions),
+        _poses(centroids / scales.length, sizes.axes[rows]),
+        table_of_text(sizes.masses[rows, None] / scales.mass, digits=12),
         *(table_of_text(moments[:, axis : axis + 1], digits=12) for axis in range(3)),
         paths,
         [surface] * len(names),
@@ -225,7 +225,7 @@ def _models(packing: Packing, sizes: Bodies, scales: GrainUnits, block: slice, *
         own,
         strict=True,
     )
-    return "".join([_MODEL % row for row in rows])
+    return "".join([_MODEL % row for row in texts])
 
 
 def _poses(places: Floats, quaternions: Floats) -> list[str]:

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from exporters.check import check_choice, check_positive, grain_names
-from exporters.container import container_box
-from exporters.dem.bodies import blocks, bodies, extremes, part
+from exporters.container import container_box, world_bounds
+from exporters.dem.bodies import bodies, parts
 from exporters.dem.scene import WALLS, check_word, down, height
 from exporters.text import filled, rows_of_text, table_of_text
 from grainsdem.geometry.rotations import world_vertices
@@ -111,7 +111,7 @@ def files(
 
 def _commands(packing: Packing, sizes: Bodies, options: ThreedecOptions, name: str) -> Iterator[bytes]:
     """Yield the walls, which are made first and named by being all that there is, then the grains and the joints."""
-    ends = extremes(packing)
+    ends = world_bounds(packing)
     d = float(np.median(sizes.diameters))
     yield _HEADER.substitute(name=name, n_grains=len(packing)).encode()
     container = _bricks(packing, ends, options.walls, d)
@@ -119,8 +119,8 @@ def _commands(packing: Packing, sizes: Bodies, options: ThreedecOptions, name: s
         yield f"; {wall}\nblock create brick {table_of_text(corners.T.reshape(1, 6), digits=12)[0]}\n".encode()
     if container:
         yield b"block group 'walls'\n"
-    for block in blocks(len(packing)):
-        yield _grains(part(packing, block), sizes, block).encode()
+    for rows, part in parts(packing):
+        yield _grains(part, sizes, rows).encode()
     names, told = grain_names(packing), table_of_text(packing.densities[:, None], digits=12)
     # A force over a face of 0.2 d² that takes up what the heaviest grain gains in its fall.
     drop = height(packing, ends)
@@ -159,20 +159,20 @@ def _bricks(packing: Packing, ends: Floats, choice: str, thickness: float) -> di
     return {"box": made, "floor": dict(list(made.items())[:1]), "none": {}}[choice]
 
 
-def _grains(mine: Packing, sizes: Bodies, block: slice) -> str:
-    """Return the commands that make a block of grains, and those that name them by where they are."""
-    grains = mine.grains
-    points = filled("%.12g,%.12g,%.12g", world_vertices(mine), np.ones(len(grains.vertices), dtype=np.int64))
+def _grains(part: Packing, sizes: Bodies, rows: slice) -> str:
+    """Return the commands that make a stretch of grains, and those that name them by where they are."""
+    grains = part.grains
+    points = filled("%.12g,%.12g,%.12g", world_vertices(part), np.ones(len(grains.vertices), dtype=np.int64))
     made = []
     for grain, start in enumerate(grains.vertex_offsets[:-1].tolist()):
         # From counter-clockwise to clockwise.
         faces = [[points[start + corner] for corner in face[::-1].tolist()] for face in grains.faces_of(grain)]
-        made.append(_block(f"g{block.start + grain:06d}", faces))
+        made.append(_block(f"g{rows.start + grain:06d}", faces))
     # A box of a thousandth of a diameter around each centre of mass, which no other grain has inside.
-    reach = 5e-4 * sizes.diameters[block, None]
-    bounds = np.stack([sizes.centres[block] - reach, sizes.centres[block] + reach], axis=2).reshape(-1, 6)
+    reach = 5e-4 * sizes.diameters[rows, None]
+    bounds = np.stack([sizes.centres[rows] - reach, sizes.centres[rows] + reach], axis=2).reshape(-1, 6)
     named = filled("range pos-x %.12g %.12g pos-y %.12g %.12g pos-z %.12g %.12g", bounds, np.ones(len(bounds)))
-    groups = [f"block group 'g{block.start + i:06d}' slot 'grain' {box}\n" for i, box in enumerate(named)]
+    groups = [f"block group 'g{rows.start + i:06d}' slot 'grain' {box}\n" for i, box in enumerate(named)]
     return "".join([*made, *groups])
 
 

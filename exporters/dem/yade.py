@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from exporters.check import check_choice, check_positive
-from exporters.dem.bodies import blocks, bodies, extremes, part, vertices_in
+from exporters.container import world_bounds
+from exporters.dem.bodies import bodies, parts, vertices_in
 from exporters.dem.scene import WALLS, check_word, down, height, walls
 from exporters.text import rows_of_text
 from exporters.units import check_units, chosen_units, factors_of
@@ -170,7 +171,7 @@ def factors(packing: Packing, options: YadeOptions) -> dict[str, float]:
 def _script(packing: Packing, sizes: Bodies, scales: GrainUnits, options: YadeOptions, name: str) -> str:
     """Return the script."""
     d = float(np.median(sizes.diameters))
-    drop = height(packing, extremes(packing))
+    drop = height(packing, world_bounds(packing))
     # Force is half of young times the volume of the overlap: on a face of 0.2 d², a grain that falls loses m g h over
     # the depth. The step is a tenth of √(m/k) of the lightest grain, with all of a median grain's section in contact.
     face = 0.2 * d**2
@@ -192,11 +193,11 @@ def _script(packing: Packing, sizes: Bodies, scales: GrainUnits, options: YadeOp
 
 def _arrays(packing: Packing, sizes: Bodies, scales: GrainUnits, options: YadeOptions) -> bytes:
     """Return the grains and the walls as one file of arrays; NumPy writes the same bytes for the same arrays."""
-    container = walls(packing, extremes(packing), options.walls)
+    container = walls(packing, world_bounds(packing), options.walls)
     vertices, offsets = np.empty_like(packing.grains.vertices), packing.grains.vertex_offsets
-    for block in blocks(len(packing)):
-        frames = (sizes.centroids[block], sizes.axes[block], sizes.diameters[block])
-        vertices[offsets[block.start] : offsets[block.stop]] = vertices_in(part(packing, block).grains, *frames)
+    for rows, part in parts(packing):
+        frames = (sizes.centroids[rows], sizes.axes[rows], sizes.diameters[rows])
+        vertices[offsets[rows.start] : offsets[rows.stop]] = vertices_in(part.grains, *frames)
     vertices /= scales.length
     file = io.BytesIO()
     np.savez(
