@@ -4,6 +4,7 @@ import errno
 import hashlib
 import json
 import re
+import resource
 import subprocess
 import sys
 from dataclasses import replace
@@ -187,6 +188,18 @@ def test_a_disk_that_fills_up_is_one_error_and_leaves_nothing(cube, tmp_path, mo
     with pytest.raises(WriteError, match="No space left"):
         exporters.write(cube, tmp_path / "new" / "folder", formats=["stl"])
     assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_file_that_outgrows_what_there_is_leaves_nothing_half_written(fresh, tmp_path, suffix):
+    _, most = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (2000, most))
+    try:
+        with pytest.raises(WriteError, match="cannot be written: File too large"):
+            exporters.write(fresh, tmp_path / f"bed{suffix}")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.fixture

@@ -7,9 +7,9 @@ back to SI stand in the file's ``<custom>`` element and in a comment.
 
 from __future__ import annotations
 
-import tempfile
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from exporters.check import check_name
 from exporters.mjcf.document import around
@@ -118,8 +118,8 @@ def _compiled(text: str) -> bytes:
     """Return the model that the installed MuJoCo compiles from a text."""
     import mujoco
 
-    with quiet(), tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "model.mjb"
-        model: Any = mujoco.MjModel.from_xml_string(text)
-        mujoco.mj_saveModel(model, str(path), None)
-        return path.read_bytes()
+    with quiet():
+        model = mujoco.MjModel.from_xml_string(text)
+    buffer = np.zeros(mujoco.mj_sizeModel(model), dtype=np.uint8)
+    mujoco.mj_saveModel(model, None, buffer)
+    return buffer.tobytes()

@@ -21,7 +21,7 @@ from exporters.container import check_colour, colours_of
 from exporters.units import check_units, chosen_units, factors_of
 from exporters.usd.crate import crate
 from exporters.usd.scene import Bed, metadata, world
-from grainsdem.errors import name_offenders
+from grainsdem.errors import WriteError, name_offenders
 from grainsdem.geometry.integrals import volumes
 
 if TYPE_CHECKING:
@@ -160,8 +160,11 @@ def _text(layer: Iterable[bytes]) -> bytes:
 
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder) / "layer.usdc"
-        with source.open("wb") as file:
-            file.writelines(layer)
+        try:
+            with source.open("wb") as file:
+                file.writelines(layer)
+        except OSError as error:
+            raise WriteError(f"{source}: cannot be written: {error.strerror or error}") from error
         text: str = Sdf.Layer.FindOrOpen(str(source)).ExportToString()
         return text.encode()
 
