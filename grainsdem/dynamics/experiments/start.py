@@ -19,7 +19,14 @@ if TYPE_CHECKING:
     Seed = np.random.Generator | int | None
 
 CLEARANCE = 0.02
-"""Smallest gap between grains that were set apart, relative to the largest one's circumscribed diameter."""
+"""Gap between neighbouring places, relative to the largest grain's circumscribed diameter."""
+
+NUDGE = 0.005
+"""How far grains stand from their places at most along each axis, relative to the same: by less than the gap leaves."""
+
+VACANCIES = 0.5
+"""Places that are left empty at random, relative to the grains: without them grains would stand in columns, which bear
+a load, and spheres would be pressed into a crystal."""
 
 
 def pitch(packing: Packing) -> float:
@@ -31,8 +38,13 @@ def pitch(packing: Packing) -> float:
     return 2 * widest * (1 + CLEARANCE)
 
 
-def set_apart(packing: Packing, places: Floats, domain: Domain, *, rng: Seed) -> Packing:
-    """Return the grains in random order and at random rotations, at the first of the given places.
+def n_places(n_grains: int) -> int:
+    """Return how many places grains need, those that stay empty among them."""
+    return int(np.ceil((1 + VACANCIES) * n_grains))
+
+
+def set_apart(packing: Packing, places: Floats, domain: Domain, *, rng: Seed, n_fixed: int = 0) -> Packing:
+    """Return the grains in random order and at random rotations, at some of the given places, drawn at random.
 
     Parameters
     ----------
@@ -44,12 +56,18 @@ def set_apart(packing: Packing, places: Floats, domain: Domain, *, rng: Seed) ->
         What is around them.
     rng : numpy.random.Generator, int or None
         Source of randomness, or a seed for one.
+    n_fixed : int
+        The first places, all of which are taken, and exactly.
     """
     generator = np.random.default_rng(rng)
     order = generator.permutation(len(packing))
     grains, _ = select(packing.grains, order)
     turned = multiply(_turns(packing, generator), packing.quaternions[order])
-    positions = places[: len(packing)].copy()
+    drawn = generator.choice(len(places) - n_fixed, len(packing) - n_fixed, replace=False)
+    chosen = np.concatenate([np.arange(n_fixed), n_fixed + np.sort(drawn)])
+    nudges = generator.uniform(-NUDGE, NUDGE, (len(packing), 3)) * pitch(packing) / (1 + CLEARANCE)
+    nudges[:n_fixed] = 0.0
+    positions = places[chosen] + nudges
     if packing.domain.is_planar:
         positions[:, 2] = packing.positions[order, 2]
     return replace(
@@ -78,14 +96,14 @@ def set_apart_in_block(packing: Packing, *, rng: Seed, lengths: Floats | None = 
     step, n, planar = pitch(packing), len(packing), packing.domain.is_planar
     up = 1 if planar else 2
     if lengths is None:
-        columns = np.full(up, int(np.ceil(n ** (1 / (up + 1)) - 1e-9)))
+        columns = np.full(up, int(np.ceil(n_places(n) ** (1 / (up + 1)) - 1e-9)))
         sides = columns * step
     else:
         sides = np.asarray(lengths, dtype=np.float64)[:up]
         columns = np.floor(sides / step + 1e-9).astype(int)
         if columns.min() < 1:
             raise InputError(f"a box of {sides.tolist()} m is narrower than the largest grain, {step:.4g} m")
-    layers = -(-n // int(columns.prod()))
+    layers = -(-n_places(n) // int(columns.prod()))
     counts = np.append(columns, layers)
     index = np.indices(tuple(counts[::-1].tolist())).reshape(up + 1, -1)[::-1].T
     spacing = np.append(sides / columns, step)

@@ -33,8 +33,11 @@ FAR = 1.0
 FAILED = 0.05
 """Share of the grains that are gone where a bed has failed."""
 
-MOVING = 1e-3
+MOVING = 1e-4
 """Mean kinetic energy [m g d] of a bed that moves: it is not tilted further until it rests or has failed."""
+
+PATIENCE = 100
+"""Samples in a row after which a bed that goes on moving without failing is tilted further all the same."""
 
 
 class TiltSample(NamedTuple):
@@ -151,8 +154,8 @@ def tilt(
     Notes
     -----
     A bed has failed where a twentieth of its grains are more than a diameter from where they were before it was tilted.
-    While the mean kinetic energy is above 1e-3 m g d gravity stands still, so that an avalanche ends, or fails the bed,
-    at the angle at which it began.
+    While the mean kinetic energy is above 1e-4 m g d gravity stands still, for 20 √(d/g) at most, so that an avalanche
+    ends, or fails the bed, at the angle at which it began. A block slides within a degree of atan μ at a rate of 0.004.
     """
     check_ranges(gravity=gravity, rate=rate, max_angle=max_angle, time_step=time_step)
     check_frictions(friction=friction, wall_friction=wall_friction)
@@ -185,6 +188,8 @@ class _Tilt(Resting):
         super().__init__(scene, record, tell, np.inf)
         self.rate, self.max_angle = rate, max_angle
         self.angle = 0.0
+        self.held = 0
+        """Samples in a row in which the bed has moved."""
 
     def act(self) -> None:
         """Let gravity have its present angle."""
@@ -219,9 +224,11 @@ class _Tilt(Resting):
 
     def keep(self, now: TiltSample) -> None:
         """Turn gravity a little further where the bed does not move."""
-        if self.begun is not None and now.kinetic_energy < MOVING:
-            self.angle += self.rate * self.sample_time
-            self.act()
+        if self.begun is not None:
+            self.held = self.held + 1 if now.kinetic_energy > MOVING else 0
+            if not self.held % PATIENCE:
+                self.angle += self.rate * self.sample_time
+                self.act()
         super().keep(now)
 
     def share_done(self, now: TiltSample) -> float:
@@ -234,11 +241,11 @@ class _Tilt(Resting):
 
     def memory(self) -> dict[str, Any]:
         """Return what the run remembers besides state and samples, as JSON values."""
-        return {**super().memory(), "angle": self.angle}
+        return {**super().memory(), "angle": self.angle, "held": self.held}
 
     def recall(self, memory: Mapping[str, Any]) -> None:
         """Take back what `memory` gave."""
-        self.angle = memory["angle"]
+        self.angle, self.held = memory["angle"], memory["held"]
         super().recall(memory)
 
     def in_si(self, row: TiltSample) -> TiltSample:

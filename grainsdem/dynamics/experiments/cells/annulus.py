@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.dynamics.experiments.rig import HEAVY, LIMIT_SPEED, Meter
-from grainsdem.dynamics.experiments.start import pitch, set_apart
+from grainsdem.dynamics.experiments.start import n_places, pitch, set_apart
 from grainsdem.errors import InputError
 from grainsdem.geometry.integrals import volumes
 from grainsdem.model import Domain
@@ -55,12 +55,13 @@ class Annulus:
                 f"a ring of radii {inner:.4g} and {outer:.4g} m takes {self.n_glued} grains a layer and needs four "
                 f"times as many, two layers of them glued; got {len(packing)}"
             )
-        n_layers = 2 - (2 * self.n_glued - len(packing)) // self.n_glued
+        n_layers = 2 - (-n_places(len(packing) - 2 * self.n_glued) // self.n_glued)
         heights = (np.arange(n_layers) + 0.5) * step
         # The floor's grains come first, then the lid's.
         order = [0, n_layers - 1, *range(1, n_layers - 1)]
         places = np.concatenate([np.column_stack([layer, np.full(len(layer), heights[k])]) for k in order])
-        self.packing = set_apart(packing, places, Domain.cylinder(outer, n_layers * step, sides=FACETS), rng=rng)
+        domain = Domain.cylinder(outer, n_layers * step, sides=FACETS)
+        self.packing = set_apart(packing, places, domain, rng=rng, n_fixed=2 * self.n_glued)
         self._inner, self._outer = inner, outer
         self._plates = heights[0], heights[-1]
         self._height = n_layers * step
@@ -71,7 +72,7 @@ class Annulus:
         self.inner, self.outer = self._inner * scale, self._outer * scale
         self.floor, self.top = (height * scale for height in self._plates)
         half, reach = self._height * scale, 1.1 * self.outer
-        self.area = FACETS * np.tan(np.pi / FACETS) * self.outer**2 - np.pi * self.inner**2
+        self.area = float(FACETS * np.tan(np.pi / FACETS) * self.outer**2 - np.pi * self.inner**2)
         apparatus.set_gravity((0.0, 0.0, 0.0))
         apparatus.add_shape(None, "inner_wall", "cylinder", (self.inner, half), position=(0.0, 0.0, 0.5 * half))
         apparatus.add_shape(

@@ -1,0 +1,53 @@
+"""Pour grains, take a wall away, and measure the slope they come to rest at; then tilt a bed until it fails.
+
+Rougher grains stand steeper. Run with ``--quick`` for fewer grains and one coefficient of friction.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+import grainsdem as gd
+from grainsdem.figures.curves import Panel, curve_figure
+
+
+def make_grains(n: int) -> gd.Packing:
+    """Return grains of about a millimetre in a box that is narrow across the slope."""
+    domain = gd.Domain.box(1e-3 * n ** (1 / 3) * np.array([1.2, 0.7, 1.2]))
+    seeds = gd.relax(gd.points.poisson(domain, n, rng=1), domain, iterations=2)
+    return gd.shrink(gd.carve(gd.tessellate(seeds, domain), keep="all"), porosity=0.4)
+
+
+def main() -> None:
+    """Print angles of repose and the angle at which a bed fails, and draw the surfaces."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="fewer grains, one coefficient of friction")
+    parser.add_argument("--output", type=Path, default=Path(), help="folder for the figure")
+    arguments = parser.parse_args()
+    n, frictions = (30, (0.6,)) if arguments.quick else (220, (0.3, 0.6))
+    grains = make_grains(n)
+    surfaces = {}
+    for friction in frictions:
+        heap = gd.collapse(grains, release=["wall_x1"], friction=friction, rng=1)
+        report = heap.report
+        print(
+            f"μ = {friction}: angle of repose {np.degrees(report.repose_angle):.1f}° ± "
+            f"{np.degrees(report.repose_angle_error):.1f}°, run-out {report.relative_run_out:+.0%}, "
+            f"{'at rest' if report.at_rest else 'not at rest'} after {report.time:.2f} s"
+        )
+        surfaces[f"μ = {friction}"] = 1e3 * heap.profile["distance"], 1e3 * heap.profile["height"]
+    curves = [Panel("distance from the wall  [mm]", "height of the surface  [mm]", surfaces, surfaces)]
+    if not arguments.quick:
+        bed = gd.tilt(grains, friction=0.6, rate=0.02, rng=1)
+        fails = "stands" if not bed.report.has_failed else f"fails at {np.degrees(bed.report.failure_angle):.1f}°"
+        print(f"the same bed, tilted between its walls, {fails}")
+        angles, gone = np.degrees(bed.history["angle"]), 100 * bed.history["gone_fraction"]
+        curves.append(Panel("angle  [°]", "grains that have moved by a diameter  [%]", {"": (angles, gone)}))
+    print(f"drawn in {curve_figure(curves, arguments.output / 'repose.png')}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,152 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from conftest import cube_packing
+from loading import check_that_it_goes_on, grow, grow_planar
+
+from grainsdem.dynamics import triaxial
+from grainsdem.errors import InputError
+from grainsdem.geometry.rotations import to_matrices, world_vertices
+from grainsdem.model import Domain
+from grainsdem.storage import load_history
+
+pytestmark = pytest.mark.client
+
+PRESSURE = 2e4
+
+
+@pytest.fixture(scope="module")
+def grains():
+    return grow(50)
+
+
+@pytest.fixture(scope="module")
+def sheared(grains, tmp_path_factory):
+    path = tmp_path_factory.mktemp("triaxial") / "history.h5"
+    return triaxial(
+        grains, confining_pressure=PRESSURE, strain=0.08, inertial_number=0.04, rng=3, history_path=path
+    ), load_history(path)
+
+
+def test_walls_and_contacts_of_a_compressed_bed_have_the_same_stress_within_two_percent(sheared):
+    history = sheared[0].history
+    last = np.flatnonzero(history["stage"] == 0)[-5:]
+    for side in ("axial", "lateral"):
+        walls, contacts = history[f"{side}_stress"][last].mean(), history[f"{side}_stress_contacts"][last].mean()
+        assert contacts == pytest.approx(walls, rel=0.02)
+        assert walls == pytest.approx(PRESSURE, rel=0.02)
+
+
+def test_side_walls_hold_the_pressure_while_the_bed_is_sheared(sheared):
+    assert sheared[0].report.is_compressed
+    assert sheared[0].report.confining_pressure == pytest.approx(PRESSURE, rel=0.05)
+
+
+def test_a_sheared_bed_bears_more_along_its_height_than_across_it(sheared):
+    report, history = sheared[0].report, sheared[0].history
+    assert 0.2 < report.critical_friction_angle < 1.1
+    assert 0.2 < report.peak_friction_angle < 1.1
+    assert history["axial_strain"][-1] >= 0.08
+    ends = history["axial_stress"][-1] / history["lateral_stress"][-1]
+    assert ends > 1.5
+
+
+def test_volume_is_that_between_the_walls_and_its_change_that_of_the_solid_fraction(sheared):
+    outcome = sheared[0]
+    chosen = outcome.history["stage"] == 1
+    fractions, strains = outcome.history["solid_fraction"][chosen], outcome.history["volumetric_strain"][chosen]
+    np.testing.assert_allclose((1 + strains[-1]) / (1 + strains[0]), fractions[0] / fractions[-1], rtol=1e-9)
+    box, corners = outcome.packing.domain, world_vertices(outcome.packing)
+    d = 1e-3
+    assert (corners > box.lower - 0.02 * d).all()
+    assert (corners < box.upper + 0.02 * d).all()
+    volume = np.prod(box.lengths)
+    assert fractions[-1] * volume == pytest.approx(
+        sum(outcome.snapshot.masses()) / outcome.packing.densities[0], rel=1e-6
+    )
+
+
+def test_the_history_on_disk_is_the_one_that_is_returned(sheared):
+    outcome, stored = sheared
+    for name, series in stored.items():
+        if name in outcome.history:
+            np.testing.assert_array_equal(series, outcome.history[name][1:])
+
+
+def test_a_triaxial_test_goes_on_after_an_interrupt_to_the_same_bits(tmp_path):
+    options = {"strain": 0.02, "inertial_number": 0.05, "compaction_friction": 0.1, "rng": 1}
+    check_that_it_goes_on(triaxial, grow(12), tmp_path, samples=40, **options)
+
+
+def test_prisms_are_sheared_in_their_plane():
+    start = grow_planar(16)
+    outcome = triaxial(start, strain=0.03, inertial_number=0.05, rng=1)
+    assert outcome.packing.domain.is_planar
+    np.testing.assert_allclose(outcome.packing.positions[:, 2], start.positions[0, 2], atol=1e-9)
+    np.testing.assert_allclose(to_matrices(outcome.packing.quaternions)[:, 2, 2], 1, atol=1e-9)
+    history = outcome.history
+    last = np.flatnonzero(history["stage"] == 0)[-5:]
+    assert history["axial_stress_contacts"][last].mean() == pytest.approx(1e5, rel=0.03)
+    assert history["axial_strain"][-1] >= 0.03
+
+
+def test_spheres_of_equal_volume_are_sheared_instead():
+    start = grow(12)
+    outcome = triaxial(start, strain=0.02, inertial_number=0.05, rng=1, spheres=True)
+    assert outcome.snapshot.are_spheres
+    assert sum(outcome.snapshot.masses()) == pytest.approx(start.densities[0] * sum(_volumes(start)), rel=1e-6)
+
+
+def _volumes(packing):
+    from grainsdem.geometry.integrals import volumes
+
+    return volumes(packing.grains)
+
+
+def test_a_column_of_one_cube_bears_the_load_that_walls_put_on_it():
+    cube = cube_packing([[2.0, 2.0, 2.0]], density=2000.0, domain=Domain.cube(4.0))
+    history = triaxial(cube, confining_pressure=1e3, strain=1e-4, inertial_number=1e-3).history
+    still = history["stage"] == 0
+    assert history["axial_stress_contacts"][still][-1] == pytest.approx(1e3, rel=1e-3)
+    assert history["solid_fraction"][still][-1] == pytest.approx(1.0, abs=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"confining_pressure": 0.0}, "confining_pressure"),
+        ({"strain": -0.1}, "strain"),
+        ({"strain": 0.95}, "below 0.9"),
+        ({"inertial_number": np.nan}, "inertial_number"),
+        ({"friction": -1.0}, "friction"),
+        ({"compaction_friction": -1.0}, "compaction_friction"),
+        ({"time_step": 0.0}, "time_step"),
+    ],
+)
+def test_options_out_of_range_are_refused_by_name(cube, options, words):
+    with pytest.raises(InputError, match=words):
+        triaxial(cube, **options)
+
+
+def test_a_periodic_packing_is_refused():
+    with pytest.raises(InputError, match="periodic"):
+        triaxial(cube_packing([[3.0, 3.0, 3.0]], domain=Domain.cube(6.0, periodic=True)))
+
+
+def test_an_empty_packing_is_refused(fresh):
+    from grainsdem.packing.carve import select
+
+    nothing = select(fresh.grains, [])[0]
+    from dataclasses import replace
+
+    empty = replace(
+        fresh,
+        grains=nothing,
+        positions=np.empty((0, 3)),
+        quaternions=np.empty((0, 4)),
+        densities=np.empty(0),
+        links=None,
+    )
+    with pytest.raises(InputError):
+        triaxial(empty, rng=1)
