@@ -113,7 +113,9 @@ def voxelize(
     A voxel lies in a grain where its middle is on the inner side of all planes of the faces, or within rounding of
     them. Counting points of a lattice of edge h gives a volume with variance 0.0667 h⁴ A, A the surface area, and in a
     plane an area with variance 0.0728 h³ B, B the perimeter: the error of the porosity falls as h² and as h^1.5. The
-    factors are the sums over the reciprocal lattice of Porod's law, 1 / 8π³k⁴ and 1 / 4π³k³.
+    factors are the sums over the reciprocal lattice of Porod's law, 1 / 8π³k⁴ and 1 / 4π³k³. Faces that lie along the
+    lattice, as those at flat walls do, are rounded alike: where a bed has them its porosity is off by a part of a voxel
+    times their area, which falls as h only. A region off the walls, `core_box` for one, has none.
     """
     lattice = fit_lattice(packing, size=size, per_diameter=per_diameter, region=region)
     if np.prod(lattice.shape, dtype=float) > MOST_VOXELS:
