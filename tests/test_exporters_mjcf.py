@@ -15,7 +15,7 @@ import exporters
 from exporters import mjcf
 from exporters.check import shapes_of
 from exporters.mjcf import MjcfOptions
-from grainsdem.errors import InputError
+from grainsdem.errors import FileFormatError, InputError
 from grainsdem.geometry.integrals import integrate, volumes
 from grainsdem.geometry.rotations import random_quaternions, to_matrices, world_vertices
 from grainsdem.geometry.triangles import triangles
@@ -158,6 +158,8 @@ def test_spheres_have_the_volume_the_mass_and_the_inertia_of_spheres(heap, tmp_p
     [path] = exporters.write(heap, tmp_path / "bed.xml", shapes="spheres", walls="floor")
     found = stepped(mujoco_python, path)
     assert (found["warnings"], found["grains"]) == ([], len(heap))
+    with pytest.raises(FileFormatError, match="its grains are spheres, which no packing holds"):
+        exporters.read(path)
     model, _ = compiled(path.read_text())
     units, sizes = mjcf.units(heap), volumes(heap.grains)
     for i in range(len(heap)):

@@ -32,6 +32,7 @@ Options = MjcfOptions
 LOSES = (
     "Polygons are cut into triangles; MuJoCo keeps vertices in single precision, about each grain's centre.",
     "Periodic axes become walls; MuJoCo has none.",
+    "With shapes='spheres' nothing is left of the shapes but their volumes.",
 )
 """What the format does not carry."""
 

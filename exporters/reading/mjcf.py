@@ -35,6 +35,8 @@ def read(path: Path) -> Packing:
     length, mass = _factor(model, "grain_unit_length"), _factor(model, "grain_unit_mass")
     meshes = np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_MESH)
     geoms = meshes[model.body_jntnum[model.geom_bodyid[meshes]] > 0]
+    if not geoms.size and (model.geom_type == mujoco.mjtGeom.mjGEOM_SPHERE).any():
+        raise FileFormatError(f"{path}: its grains are spheres, which no packing holds")
     shapes = gather(path, [_shape(model, geom, length) for geom in geoms])
     bodies = model.geom_bodyid[geoms]
     corners = [_numeric(model, name) for name in ("domain_lower", "domain_upper")]
