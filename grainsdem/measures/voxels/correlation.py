@@ -54,7 +54,7 @@ def two_point_correlation(voxels: Voxels, *, farthest: float | None = None) -> C
     Parameters
     ----------
     voxels : Voxels
-        Any voxels. It takes about 50 bytes of memory for each.
+        Any voxels. It takes about 50 bytes of memory for each, twice as many where no axis wraps.
     farthest : float, optional
         Largest distance [m]; a quarter of the longest edge of the box by default.
 
