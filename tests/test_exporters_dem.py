@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -184,6 +185,15 @@ def test_the_command_line_writes_each_by_suffix_and_all_of_them_by_name(tmp_path
     again = CliRunner().invoke(app, ["export", str(tmp_path / "bed.h5"), files[0]])
     assert again.exit_code == 2
     assert "exists already" in again.output
+
+
+@pytest.mark.unit
+def test_the_page_of_formats_has_a_row_for_each_with_its_suffixes():
+    page = (Path(__file__).parent.parent / "docs" / "formats.md").read_text(encoding="utf-8")
+    rows = {line.split("`")[1]: line.split("|")[1] for line in page.splitlines() if line.startswith("| `")}
+    assert set(rows) == set(exporters.FORMATS)
+    for name, format_ in exporters.FORMATS.items():
+        assert [word for word in rows[name].split("`") if word.startswith(".")] == list(format_.suffixes)
 
 
 @pytest.mark.unit
