@@ -1,0 +1,69 @@
+from __future__ import annotations
+
+import json
+
+import pytest
+from loading import grow
+from typer.testing import CliRunner
+
+from grainsdem.cli import app
+from grainsdem.storage import load, load_history, save
+
+pytestmark = pytest.mark.client
+
+
+@pytest.fixture(scope="module")
+def bed(tmp_path_factory):
+    return str(save(grow(27), tmp_path_factory.mktemp("bed") / "bed.h5"))
+
+
+def run(*words, code=0):
+    result = CliRunner().invoke(app, [str(word) for word in words])
+    assert result.exit_code == code, result.output
+    return result
+
+
+def test_a_collapse_writes_packing_history_and_figure(bed, tmp_path):
+    result = run(
+        "collapse", bed, tmp_path / "heap.h5", "--max-time", 1, "--history", tmp_path / "history.h5",
+        "--figure", tmp_path / "heap.png", "--json",
+    )  # fmt: skip
+    told = json.loads(result.stdout)
+    assert told["relative_run_out"] > 0
+    assert len(load(tmp_path / "heap.h5")) == 27
+    assert "run_out" in load_history(tmp_path / "history.h5")
+    assert (tmp_path / "heap.png").stat().st_size > 1000
+
+
+def test_a_box_of_spheres_is_sheared_and_told_as_a_table(bed, tmp_path):
+    result = run(
+        "shear", bed, tmp_path / "sheared.h5", "--box", "--strain", 0.005, "--spheres", "--inertial-number", 0.1
+    )
+    assert "steady friction" in result.stdout
+    assert "normal stress, Pa" in result.stdout
+
+
+def test_an_ensemble_of_tilted_beds_is_told_with_its_interval(bed):
+    result = run("ensemble", "tilt", bed, "rate=0.05", "max_angle=0.05", "spheres=true", "--seeds", 2, "--json")
+    told = json.loads(result.stdout)
+    assert told["seeds"] == [0, 1]
+    assert told["largest_angle"]["mean"] == pytest.approx(0.05, abs=0.02)
+    assert told["failure_angle"]["mean"] is None
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("triaxial", "--strain", 2), "strain must be below 0.9"),
+        (("triaxial", "--confining-pressure", 0), "confining_pressure"),
+        (("shear", "--box", "--inner-radius", 1), "this is a box"),
+        (("shear", "--start", "place"), "always set apart in a ring"),
+        (("collapse", "--release", "roof"), "release must name some of"),
+        (("tilt", "--max-angle", 4), "max_angle"),
+        (("tilt", "--figure", "curve.pdf"), "written as .png"),
+    ],
+)
+def test_bad_input_is_refused_in_one_line_and_nothing_is_written(bed, tmp_path, words, told):
+    result = run(words[0], bed, tmp_path / "out.h5", *words[1:], code=2)
+    assert told in result.stderr
+    assert list(tmp_path.iterdir()) == []
