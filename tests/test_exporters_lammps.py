@@ -16,6 +16,9 @@ from grainsdem.errors import InputError
 from grainsdem.geometry.integrals import integrate
 from grainsdem.geometry.rotations import random_quaternions, to_matrices, world_vertices
 from grainsdem.model import Domain
+from grainsdem.packing import carve, shrink
+from grainsdem.points import poisson
+from grainsdem.tessellation import relax, tessellate
 
 pytestmark = pytest.mark.client
 
@@ -134,6 +137,30 @@ def test_the_skins_of_two_cubes_meet_where_the_sharp_cubes_would(lmp, tmp_path, 
     written(bed, tmp_path / "bed.in", walls="none")
     [row] = lmp(0)
     assert bool(row[2] > 0) is touches
+
+
+@pytest.mark.parametrize(("gap", "touches"), [(1e-3, False), (-1e-3, True)])
+def test_grains_meet_their_images_across_a_periodic_boundary(lmp, tmp_path, gap, touches):
+    domain = Domain(np.zeros(3), np.array([6.0, 6.0, 6.0]), np.array([True, False, False]))
+    half = 1.0 - gap / 2
+    # The first reaches over the boundary at x = 0, the second is its neighbour at x = 6.
+    bed = cube_packing([[0.5, 3, 3], [6.5 - 2 * half - gap, 3.1, 3.2]], half=half, domain=domain)
+    written(bed, tmp_path / "bed.in")
+    assert "boundary        p m m" in (tmp_path / "bed.in").read_text()
+    assert "wall_x" not in (tmp_path / "bed.in").read_text()
+    [row] = lmp(0)
+    assert row[1] == 2
+    assert bool(row[2] > 0) is touches
+
+
+def test_a_periodic_bed_starts_without_overlap_and_keeps_its_grains(lmp, tmp_path):
+    domain = Domain.box((2.5e-3, 2.5e-3, 2.5e-3), periodic=True)
+    bed = shrink(carve(tessellate(relax(poisson(domain, 12, rng=2), domain, iterations=3), domain)), porosity=0.4)
+    written(bed, tmp_path / "bed.in")
+    rows = lmp(20)
+    assert rows[0].tolist() == [0, 12, 0, 0]
+    assert rows[-1, 1] == 12
+    assert rows[-1, 2] == 0  # all fall as one
 
 
 def test_a_grain_stops_at_the_floor_of_its_container(lmp, tmp_path):

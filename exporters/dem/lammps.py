@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from exporters.check import refuse
-from exporters.container import container_box, world_bounds
+from exporters.container import world_bounds
 from exporters.dem.bodies import (
     bodies,
     parts,
@@ -54,7 +54,7 @@ _SCRIPT = Template("""\
 units           lj
 dimension       3
 atom_style      body rounded/polyhedron $fewest $most
-boundary        m m m
+boundary        $boundary
 newton          on
 comm_modify     vel yes
 
@@ -98,7 +98,7 @@ Options = SkinOptions
 LOSES = (
     "Edges are rounded: each grain is its faces moved inward and a sphere swept over the rest, inside what it was.",
     "Faces of more than four corners are cut; LAMMPS finds principal axes of its own.",
-    "Periodic axes become walls, and a domain's inclined planes are left out.",
+    "A domain's inclined planes are left out.",
 )
 """What the format does not carry."""
 
@@ -127,7 +127,8 @@ def files(
 ) -> dict[str, bytes | Iterable[bytes]]:
     """Return the script and the data file beside it: ``{"bed.in": …, "bed.data": …}``.
 
-    Atom 8 is grain 7, with the mass, the centre of mass and the inertia of the sharp grain.
+    Atom 8 is grain 7, with the mass, the centre of mass and the inertia of the sharp grain. Periodic axes are periodic
+    in LAMMPS too, which wraps grains into the box.
 
     Raises
     ------
@@ -194,6 +195,8 @@ def _script(bed: _Bed) -> str:
     return _SCRIPT.substitute(
         bed.told,
         rounding=rounding_comment(found, sizes),
+        # Without a period, a box that grows with the bed and is never smaller than it was.
+        boundary=" ".join("p" if wraps else "m" for wraps in bed.packing.domain.periodic),
         fewest=int(room.min()),
         most=int(room.max()),
         steps=round(options.duration / time_step),
@@ -210,13 +213,14 @@ def _script(bed: _Bed) -> str:
 
 def _walls(bed: _Bed, law: str) -> str:
     """Return one command an axis; a wall that is not there is NULL."""
-    lower, upper = (corner / bed.scales.length for corner in container_box(bed.packing, bed.bounds))
+    lower, upper = (corner / bed.scales.length for corner in (bed.packing.domain.lower, bed.packing.domain.upper))
     planar, choice = bed.packing.domain.is_planar, bed.options.walls
     floor = 1 if planar else 2
     closed = {"box": [0, 2] if planar else [0, 1], "floor": [], "none": []}[choice]
     rows = []
     for axis, letter in enumerate("xyz"):
-        if axis in closed or (axis == floor and choice != "none"):
+        is_walled = axis in closed or (axis == floor and choice != "none")
+        if is_walled and not bed.packing.domain.periodic[axis]:
             top = f"{upper[axis]:.12g}" if axis in closed else "NULL"
             between = f"{letter}plane {lower[axis]:.12g} {top}"
             rows.append(f"fix             wall_{letter} all wall/body/polyhedron {law} {between}")
@@ -226,9 +230,11 @@ def _walls(bed: _Bed, law: str) -> str:
 def _data(bed: _Bed) -> Iterator[bytes]:
     """Yield the box, where the atoms are, and what bodies they have."""
     sizes, length = bed.sizes, bed.scales.length
-    lower, upper = container_box(bed.packing, bed.bounds)
-    box = [np.minimum(lower, bed.bounds[0]), np.maximum(upper, bed.bounds[1])]
-    edges = zip(table_of_text(np.transpose(box) / length, digits=12), "xyz", strict=True)
+    domain = bed.packing.domain
+    # Along periodic axes the domain, else around all grains too.
+    lower = np.where(domain.periodic, domain.lower, np.minimum(domain.lower, bed.bounds[0]))
+    upper = np.where(domain.periodic, domain.upper, np.maximum(domain.upper, bed.bounds[1]))
+    edges = zip(table_of_text(np.column_stack([lower, upper]) / length, digits=12), "xyz", strict=True)
     yield _HEADER.substitute(bed.told, box="\n".join(f"{row} {axis}lo {axis}hi" for row, axis in edges)).encode()
     for rows, _ in parts(bed.packing):
         masses = table_of_text(sizes.masses[rows, None] / bed.scales.mass, digits=14)
