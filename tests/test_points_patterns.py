@@ -1,9 +1,11 @@
 from __future__ import annotations
 
 import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from grainsdem.errors import InputError, ShapeError
 from grainsdem.model import Domain
@@ -57,6 +59,34 @@ def test_k_of_poisson_seeds_is_the_volume_of_the_ball(domain):
     radii = domain.lengths[: 2 if domain.is_planar else 3].min() * np.array([0.1, 0.3, 0.49])
     found = [ripley_k(poisson(domain, 150, rng=k), domain, radii) for k in range(150)]
     assert_near(found, poisson_k(radii, domain))
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize(
+    "domain",
+    [
+        Domain.cylinder(0.5, 1.0, periodic=True),
+        Domain.hopper((2.0, 2.0), (1.0, 1.0), 2.0),
+        replace(Domain.slab((2.0, 1.0), 0.2), planes=[[1.0, 1.0, 0.0, 1.8]]),
+    ],
+    ids=["tube", "funnel", "cut slab"],
+)
+def test_k_and_g_of_poisson_seeds_are_right_where_planes_cut_the_domain(domain):
+    radii = np.array([0.08, 0.16, 0.24])
+    found = [poisson(domain, 400, rng=k) for k in range(150)]
+    assert_near([ripley_k(seeds, domain, radii) for seeds in found], poisson_k(radii, domain))
+    assert_near([pair_correlation(seeds, domain, [0, *radii]) for seeds in found], 1.0)
+    # Without a correction K would be too small by far more than that.
+    inner = [
+        cKDTree(s[:, :d]).count_neighbors(cKDTree(s[:, :d]), 0.24) - 400 for s, d in with_dimensions(found, domain)
+    ]
+    size = domain.volume / (domain.lengths[2] if domain.is_planar else 1.0)
+    assert np.mean(inner) * size / (400 * 399) < 0.9 * poisson_k(0.24, domain)
+    assert describe(found[0], domain)["radii"][-1] > 0.05
+
+
+def with_dimensions(patterns, domain):
+    return [(seeds, 2 if domain.is_planar else 3) for seeds in patterns]
 
 
 @pytest.mark.statistical
@@ -200,5 +230,5 @@ def test_patterns_that_cannot_be_measured_are_refused():
     with pytest.raises(InputError, match="a shell or more; got 0"):
         describe(poisson(cube, 5, rng=1), cube, shells=0)
     tube = Domain.cylinder(1.0, 1.0)
-    with pytest.raises(InputError, match="cut by 28 planes"):
-        ripley_k(poisson(tube, 5, rng=1), tube, [0.1])
+    with pytest.raises(InputError, match=r"no seed is farther than 0\.\d+ m from all walls, .* got 0.8 m"):
+        ripley_k(poisson(tube, 50, rng=1), tube, [0.1, 0.8])

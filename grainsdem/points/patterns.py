@@ -73,10 +73,10 @@ def ripley_k(seeds: ArrayLike, domain: Domain, radii: ArrayLike) -> Floats:
     seeds : array_like, shape (n, 3)
         At least two positions [m] in the domain.
     domain : Domain
-        A box; in a planar domain distances and areas are those in its plane.
+        What they lie in; in a planar domain distances and areas are those in its plane.
     radii : array_like, shape (m,)
         Rising distances r [m], the largest within reach of the edge correction: at most half of each edge that is
-        periodic, and less than every other edge.
+        periodic, and less than every other edge; where planes cut the domain, some seed must be as far from all walls.
 
     Returns
     -------
@@ -86,8 +86,8 @@ def ripley_k(seeds: ArrayLike, domain: Domain, radii: ArrayLike) -> Floats:
     Raises
     ------
     ShapeError, InputError
-        As `check_seeds`; or if there are fewer than two seeds, the radii do not rise from above zero or reach too far,
-        or the domain is cut by planes.
+        As `check_seeds`; or if there are fewer than two seeds, or the radii do not rise from above zero or reach too
+        far.
 
     Notes
     -----
@@ -95,11 +95,12 @@ def ripley_k(seeds: ArrayLike, domain: Domain, radii: ArrayLike) -> Floats:
 
     .. math:: K(r) = \frac{|W|^2}{n (n - 1)} \sum_{i \ne j} \frac{1(|x_i - x_j| \le r)}{|W \cap (W + x_j - x_i)|},
 
-    which corrects for them by translation; along periodic axes there is nothing to correct.
+    which corrects for them by translation; along periodic axes there is nothing to correct. Where planes cut the
+    domain, only those seeds count among whose neighbours, up to the outer radius of each shell, no wall stands.
     """
     points = _checked(seeds, domain)
     edges = _edges(radii, domain, lowest=0.0)
-    return np.cumsum(_weights(points, domain, edges))
+    return np.cumsum(_rises(points, domain, edges))
 
 
 def pair_correlation(seeds: ArrayLike, domain: Domain, radii: ArrayLike) -> Floats:
@@ -126,7 +127,7 @@ def pair_correlation(seeds: ArrayLike, domain: Domain, radii: ArrayLike) -> Floa
     edges = _edges(radii, domain, lowest=-1.0)
     if len(edges) < 2:
         raise InputError(f"a shell lies between two radii; got {edges.tolist()}")
-    return _weights(points, domain, edges)[1:] / np.diff(_ball(edges, _dimensions(domain)))
+    return _rises(points, domain, edges)[1:] / np.diff(_ball(edges, _dimensions(domain)))
 
 
 def describe(seeds: ArrayLike, domain: Domain, *, reach: float | None = None, shells: int = 12) -> dict[str, Any]:
@@ -137,8 +138,8 @@ def describe(seeds: ArrayLike, domain: Domain, *, reach: float | None = None, sh
     seeds, domain
         As for `ripley_k`.
     reach : float, optional
-        Largest distance [m] of K and g; by default three mean spacings, or a quarter of the shortest edge if that is
-        less.
+        Largest distance [m] of K and g; by default three mean spacings, or if that is less a quarter of the shortest
+        edge, or half of the margin that the innermost seed has.
     shells : int
         Shells of equal width between zero and ``reach``.
 
@@ -160,9 +161,10 @@ def describe(seeds: ArrayLike, domain: Domain, *, reach: float | None = None, sh
     nearest = _nearest(points, domain)
     d, intensity = _dimensions(domain), len(points) / _size(domain)
     if reach is None:
-        reach = min(3.0 * intensity ** (-1 / d), 0.25 * float(domain.lengths[:d].min()))
+        margin = float(_margins(points, domain).max()) if len(domain.planes) else np.inf
+        reach = min(3.0 * intensity ** (-1 / d), 0.25 * float(domain.lengths[:d].min()), 0.5 * margin)
     radii = _edges(np.linspace(0.0, reach, shells + 1)[1:], domain, lowest=0.0)
-    rises, balls = _weights(points, domain, radii), _ball(radii, d)
+    rises, balls = _rises(points, domain, radii), _ball(radii, d)
     return {
         "seeds": len(points),
         "intensity": intensity,
@@ -188,20 +190,41 @@ def _order(nearest: Floats, domain: Domain) -> float:
     return float(nearest.mean() * (intensity * _ball(1.0, d)) ** (1 / d) / math.gamma(1 + 1 / d))
 
 
-def _weights(points: Floats, domain: Domain, edges: Floats) -> Floats:
+def _rises(points: Floats, domain: Domain, edges: Floats) -> Floats:
     """Return the rise of K up to the first radius, and from each to the next, shape (m,)."""
-    n, size = len(points), _size(domain)
-    d = points.shape[1]
+    n, size, d = len(points), _size(domain), points.shape[1]
     lengths, periodic = domain.lengths[:d], domain.periodic[:d]
+    margins = _margins(points, domain) if len(domain.planes) else None
+    if margins is not None and edges[-1] > margins.max():
+        raise InputError(
+            f"no seed is farther than {margins.max():g} m from all walls, and radii may be no more; got {edges[-1]:g} m"
+        )
     sums = np.zeros(len(edges))
     for first, second, distances in _near(points, _tree(points, domain), float(edges[-1])):
-        apart = np.abs(points[first] - points[second])
-        shared = np.prod(np.where(periodic, lengths, lengths - apart), axis=1)
         # Each class is open below and closed above, as K counts pairs at distance r.
-        shell = np.searchsorted(edges, distances, side="left")
-        inside = shell < len(edges)
-        sums += np.bincount(shell[inside], weights=1.0 / shared[inside], minlength=len(edges))
-    return size**2 / (n * (n - 1.0)) * sums
+        shell = np.minimum(np.searchsorted(edges, distances, side="left"), len(edges) - 1)
+        if margins is None:
+            apart = np.abs(points[first] - points[second])
+            weights = 1.0 / np.prod(np.where(periodic, lengths, lengths - apart), axis=1)
+        else:
+            weights = np.where(margins[first] >= edges[shell], 1.0, 0.0)
+        sums += np.bincount(shell, weights=weights, minlength=len(edges))
+    if margins is None:
+        return size**2 / (n * (n - 1.0)) * sums
+    return np.asarray(size / (n - 1.0) * sums / (margins[:, None] >= edges).sum(axis=0))
+
+
+def _margins(points: Floats, domain: Domain) -> Floats:
+    """Return how far each seed is from the nearest wall that neighbours hide behind [m], shape (n,)."""
+    d = points.shape[1]
+    margins = np.minimum(points, domain.lengths[:d] - points)[:, ~domain.periodic[:d]].min(axis=1, initial=np.inf)
+    for plane in domain.planes:
+        across = float(np.linalg.norm(plane[:d]))
+        if across > 0:
+            height = plane[3] - plane[:3] @ domain.lower
+            height -= 0.5 * plane[2] * domain.lengths[2] if d == 2 else 0.0  # in the mid-plane
+            margins = np.minimum(margins, (height - points @ plane[:d]) / across)
+    return np.asarray(margins)
 
 
 def _near(
@@ -248,11 +271,6 @@ def _edges(radii: ArrayLike, domain: Domain, *, lowest: float) -> Floats:
         raise InputError(f"radii must be one row of finite numbers; got shape {edges.shape}")
     if edges[0] <= lowest or edges[0] < 0 or (np.diff(edges) <= 0).any():
         raise InputError(f"radii must rise from {'0 m' if lowest < 0 else 'above 0 m'}; got {edges.tolist()}")
-    if len(domain.planes):
-        raise InputError(
-            f"pairs are corrected for walls in boxes only; this domain is cut by {len(domain.planes)} planes: "
-            f"give the seeds that lie in a box inside, and that box"
-        )
     for axis in range(_dimensions(domain)):
         length = domain.lengths[axis]
         reach = 0.5 * length if domain.periodic[axis] else length
