@@ -44,6 +44,10 @@ REST_ENERGY = 1e-4
 REST_SAMPLES = 5
 """How many samples in a row must be so."""
 
+DRAG = 0.5
+"""Rate [1/t] at which grains lose their velocity while a bed is compressed: without gravity nothing else stops rattlers
+and spheres that roll."""
+
 COMPRESSION_LIMIT = 60.0
 """Time [t] after which a bed is sheared although it has not come to rest."""
 
@@ -235,7 +239,7 @@ class Staged(Trial):
         self._frictions = options["compaction_friction"], options["friction"]
         self.begun: dict[str, Any] | None = None
         """What is remembered of the moment when shear began."""
-        self._set_friction()
+        self._enter_stage()
 
     def mark(self) -> dict[str, Any]:
         """Return what to remember of the present state when shear begins, as JSON values."""
@@ -279,7 +283,7 @@ class Staged(Trial):
         if is_at_rest or now.time > COMPRESSION_LIMIT:
             self.begun = {"time": now.time, "is_at_rest": bool(is_at_rest), **self.mark()}
             self.sample_time = max(self.sample_time, self.duration() / N_SAMPLES)
-            self._set_friction()
+            self._enter_stage()
 
     def memory(self) -> dict[str, Any]:
         """Return what the run remembers besides state and samples, as JSON values."""
@@ -289,17 +293,18 @@ class Staged(Trial):
         """Take back what `memory` gave."""
         super().recall(memory)
         self.begun, self.sample_time = memory["begun"], memory["sample_time"]
-        self._set_friction()
+        self._enter_stage()
 
     def _is_at_rest(self, row: Any) -> bool:
         """Return whether a bed is compressed: its apparatus bears the pressure, and grains hardly move."""
         near = all(abs(pressure - 1) < REST_PRESSURE for pressure in self.pressures_of(row))
         return near and row.kinetic_energy < REST_ENERGY
 
-    def _set_friction(self) -> None:
-        """Give the grains the friction of the present stage."""
+    def _enter_stage(self) -> None:
+        """Give the grains the friction and the drag of the present stage."""
         compaction, shear = self._frictions
         self.scene.engine.set_friction(shear if self.begun or compaction is None else compaction)
+        self.scene.engine.set_drag(0.0 if self.begun else DRAG)
 
 
 def assemble(

@@ -41,7 +41,7 @@ class Panel(NamedTuple):
     x_label: str
     y_label: str
     curves: Mapping[str, tuple[ArrayLike, ...]]
-    points: Mapping[str, tuple[ArrayLike, ...]] = {}  # noqa: RUF012  (a default of a tuple, never changed)
+    points: Mapping[str, tuple[ArrayLike, ...]] = {}
 
 
 def curve_figure(panels: Sequence[Panel], path: str | os.PathLike[str]) -> Path:
