@@ -76,7 +76,7 @@ def test_the_history_on_disk_is_the_one_that_is_returned(sheared):
 
 def test_a_triaxial_test_goes_on_after_an_interrupt_to_the_same_bits(tmp_path):
     options = {"strain": 0.02, "inertial_number": 0.05, "compaction_friction": 0.1, "rng": 1}
-    check_that_it_goes_on(triaxial, grow(12), tmp_path, samples=40, **options)
+    check_that_it_goes_on(triaxial, grow(12), tmp_path, samples=24, **options)
 
 
 def test_prisms_are_sheared_in_their_plane():
