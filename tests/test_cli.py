@@ -19,7 +19,7 @@ from grainsdem.cli import app
 pytestmark = pytest.mark.unit
 
 COMMANDS = ["demo", "run", "generate", "validate", "measure", "export", "settle", "heal", "render", "info"]
-COMMANDS += ["voxels", "phases", "section", "planform"]
+COMMANDS += ["compact", "tap", "voxels", "phases", "section", "planform"]
 
 
 def call(*words):

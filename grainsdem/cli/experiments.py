@@ -1,4 +1,4 @@
-"""Commands that load beds until they give way: triaxial, shear, collapse, tilt, and ensemble for several seeds."""
+"""Commands that load beds: compact, tap, triaxial, shear, collapse, tilt, and ensemble for several seeds."""
 
 from __future__ import annotations
 
@@ -36,6 +36,86 @@ History = Annotated[
 ]
 Resume = Annotated[bool, typer.Option("--resume", help="Go on with the killed run of that history.")]
 Figure = Annotated[Path | None, typer.Option(help="Draw the curves here (.png).")]
+
+
+@app.command()
+@guarded
+def compact(
+    bed: Bed,
+    output: Output,
+    pressure: Annotated[float, typer.Option(help="Pressure of the walls [Pa].")] = 1e4,
+    porosity: Annotated[
+        float | None, typer.Option(help="Void at which walls stop; at the pressure by default.")
+    ] = None,
+    friction: Friction = 0.5,
+    compaction_friction: Compaction = None,
+    start: Start = "random",
+    spheres: Spheres = False,
+    time_step: TimeStep = 0.01,
+    max_time: Annotated[float, typer.Option(help="Time limit in units of d √(ρ/P).")] = 200.0,
+    history: History = None,
+    resume: Resume = False,
+    figure: Figure = None,
+    rng: Rng = 0,
+    json_: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Compress a bed from all sides by six smooth walls, to a pressure or to a porosity (MuJoCo)."""
+    _perform(
+        grainsdem.dynamics.compact,
+        (bed, output, history, figure),
+        pressure=pressure,
+        porosity=porosity,
+        friction=friction,
+        compaction_friction=compaction_friction,
+        spheres=spheres,
+        time_step=time_step,
+        max_time=max_time,
+        rng=rng if start == "random" else None,
+        resume=resume,
+        shown=(json_, quiet),
+    )
+
+
+@app.command()
+@guarded
+def tap(
+    bed: Bed,
+    output: Output,
+    taps: Annotated[int, typer.Option(help="How many.")] = 50,
+    amplitude: Annotated[
+        float | None, typer.Option(help="Height of a tap [m]; half a median diameter by default.")
+    ] = None,
+    acceleration: Annotated[float, typer.Option(help="Its greatest acceleration over gravity.")] = 3.0,
+    friction: Friction = 0.5,
+    wall_friction: WallFriction = None,
+    gravity: Gravity = 9.81,
+    start: Start = "random",
+    spheres: Spheres = False,
+    time_step: TimeStep = 0.01,
+    history: History = None,
+    resume: Resume = False,
+    figure: Figure = None,
+    rng: Rng = 0,
+    json_: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Shake the container of a bed up and down, tap by tap: porosity against taps (MuJoCo)."""
+    _perform(
+        grainsdem.dynamics.tap,
+        (bed, output, history, figure),
+        taps=taps,
+        amplitude=amplitude,
+        acceleration=acceleration,
+        friction=friction,
+        wall_friction=wall_friction,
+        gravity=gravity,
+        spheres=spheres,
+        time_step=time_step,
+        rng=rng if start == "random" else None,
+        resume=resume,
+        shown=(json_, quiet),
+    )
 
 
 @app.command()
@@ -205,7 +285,7 @@ def tilt(
 @guarded
 def ensemble(
     experiment: Annotated[
-        Literal["triaxial", "ring_shear", "direct_shear", "collapse", "tilt"],
+        Literal["compact", "tap", "triaxial", "ring_shear", "direct_shear", "collapse", "tilt"],
         typer.Argument(help="What to run.", show_default=False),
     ],
     bed: Bed,

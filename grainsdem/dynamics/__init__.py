@@ -14,6 +14,7 @@ An experiment is written in four steps; `settle` is the shortest example.
    pure functions of it. Give back a frozen dataclass: packing, history, report.
 """
 
+from grainsdem.dynamics.compaction import CompactReport, TapReport, compact, tap
 from grainsdem.dynamics.ensembles import Ensemble, ensemble
 from grainsdem.dynamics.experiments import (
     CollapseReport,
@@ -32,6 +33,7 @@ from grainsdem.dynamics.settle import Progress, Settled, SettleReport, settle
 
 __all__ = [
     "CollapseReport",
+    "CompactReport",
     "DirectShearReport",
     "Ensemble",
     "Outcome",
@@ -39,13 +41,16 @@ __all__ = [
     "RingReport",
     "SettleReport",
     "Settled",
+    "TapReport",
     "TiltReport",
     "TriaxialReport",
     "collapse",
+    "compact",
     "direct_shear",
     "ensemble",
     "ring_shear",
     "settle",
+    "tap",
     "tilt",
     "triaxial",
 ]

@@ -59,12 +59,12 @@ def find_trouble(scene: Scene, now: Sample, before: Sample, lowest: float) -> No
         raise TroubleError(
             f"energy rose from {lowest:.4g} to {now.total_energy:.4g} m g d a grain, grain {fastest} the fastest"
         )
-    escaped = np.flatnonzero(_distance_outside(scene) > ESCAPE_DISTANCE)
+    escaped = np.flatnonzero(distance_outside(scene) > ESCAPE_DISTANCE)
     if escaped.size:
         raise TroubleError(f"{escaped.size} grains left the container: {name_offenders(escaped)}")
 
 
-def _distance_outside(scene: Scene) -> NDArray[np.float64]:
+def distance_outside(scene: Scene) -> NDArray[np.float64]:
     """Return how far each centroid lies outside the floor and the side walls, in diameters, shape (n,)."""
     positions, _ = scene.poses()
     domain = scene.source.domain.scaled(1 / scene.units.length)

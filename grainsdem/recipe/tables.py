@@ -13,7 +13,14 @@ import exporters
 from grainsdem.errors import FileFormatError, InputError, MissingFileError, name_offenders
 from grainsdem.recipe.base import Table
 from grainsdem.recipe.domain import DomainTable
-from grainsdem.recipe.experiments.tables import CollapseTable, ShearTable, TiltTable, TriaxialTable
+from grainsdem.recipe.experiments.tables import (
+    CollapseTable,
+    CompactTable,
+    ShearTable,
+    TapTable,
+    TiltTable,
+    TriaxialTable,
+)
 from grainsdem.recipe.grains import GrainsTable, SizesTable, ThroatsTable
 from grainsdem.recipe.motion import SettleTable
 from grainsdem.recipe.seeds import SeedsTable
@@ -28,7 +35,7 @@ if TYPE_CHECKING:
     from grainsdem.recipe.experiments.tables import ExperimentTable
     from grainsdem.recipe.views.tables import ViewTable
 
-EXPERIMENTS = "triaxial", "shear", "collapse", "tilt"
+EXPERIMENTS = "compact", "tap", "triaxial", "shear", "collapse", "tilt"
 """The tables of experiments."""
 
 VIEWS = "voxels", "section", "planform"
@@ -72,7 +79,7 @@ class Recipe(Table):
         Seed of everything that is random.
     domain, seeds, grains, settle, output : tables
         See each.
-    triaxial, shear, collapse, tilt : tables, optional
+    compact, tap, triaxial, shear, collapse, tilt : tables, optional
         Experiments on what has settled, or on what was grown where nothing settles.
     voxels, section, planform : tables, optional
         What looks into the same bed.
@@ -84,6 +91,8 @@ class Recipe(Table):
     seeds: SeedsTable
     grains: GrainsTable
     settle: SettleTable | None = None
+    compact: CompactTable | None = None
+    tap: TapTable | None = None
     triaxial: TriaxialTable | None = None
     shear: ShearTable | None = None
     collapse: CollapseTable | None = None
@@ -152,6 +161,8 @@ _TABLES: dict[str, type[Table]] = {
     "seeds": SeedsTable,
     "grains": GrainsTable,
     "settle": SettleTable,
+    "compact": CompactTable,
+    "tap": TapTable,
     "triaxial": TriaxialTable,
     "shear": ShearTable,
     "collapse": CollapseTable,

@@ -3,16 +3,20 @@
 from grainsdem.recipe.experiments.performing import perform, perform_all
 from grainsdem.recipe.experiments.tables import (
     CollapseTable,
+    CompactTable,
     ExperimentTable,
     ShearTable,
+    TapTable,
     TiltTable,
     TriaxialTable,
 )
 
 __all__ = [
     "CollapseTable",
+    "CompactTable",
     "ExperimentTable",
     "ShearTable",
+    "TapTable",
     "TiltTable",
     "TriaxialTable",
     "perform",

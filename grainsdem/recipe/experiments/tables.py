@@ -1,4 +1,4 @@
-"""The tables of experiments: ``[triaxial]``, ``[shear]``, ``[collapse]`` and ``[tilt]``."""
+"""The tables of experiments: ``[compact]``, ``[tap]``, ``[triaxial]``, ``[shear]``, ``[collapse]`` and ``[tilt]``."""
 
 from __future__ import annotations
 
@@ -52,6 +52,55 @@ class ExperimentTable(Table):
     def options(self) -> dict[str, Any]:
         """Return the options of that function."""
         return self.model_dump(exclude={"start", "seeds"})
+
+
+class CompactTable(ExperimentTable):
+    """``[compact]``: compression from all sides; see `grainsdem.dynamics.compact`.
+
+    Parameters
+    ----------
+    pressure : float
+        Pressure [Pa] that six walls press with.
+    porosity : float, optional
+        Share of void at which they stop; at the pressure by default.
+    compaction_friction : float, optional
+        Coefficient of friction while walls close in; as after it by default.
+    max_time : float
+        Time limit in units of d √(ρ/P).
+    """
+
+    function = "compact"
+
+    pressure: Positive = 1e4
+    porosity: Annotated[float, Field(gt=0, lt=1)] | None = None
+    compaction_friction: Coefficient | None = None
+    max_time: Positive = 200.0
+
+
+class TapTable(ExperimentTable):
+    """``[tap]``: the container is shaken up and down; see `grainsdem.dynamics.tap`.
+
+    Parameters
+    ----------
+    taps : int
+        How many.
+    amplitude : float, optional
+        Height of a tap [m]; half a median diameter by default.
+    acceleration : float
+        Its greatest acceleration over gravity.
+    wall_friction : float, optional
+        Coefficient of friction with floor and walls; as among grains by default.
+    gravity : float
+        Acceleration [m/s²].
+    """
+
+    function = "tap"
+
+    taps: Annotated[int, Field(ge=1)] = 50
+    amplitude: Positive | None = None
+    acceleration: Positive = 3.0
+    wall_friction: Coefficient | None = None
+    gravity: Positive = 9.81
 
 
 class TriaxialTable(ExperimentTable):

@@ -23,6 +23,11 @@ DRIVEN = 10.0
 """How much heavier than the others driven walls are: they keep their speed, and still can gather the grains."""
 
 
+DRIFT_DAMPING = 10.0
+"""Pressure [P t/d] against two walls that move the same way. Normals of contacts with a wall lean by a hundredth now
+and then; the wall's joint takes the force, and a sample that nothing holds would drift."""
+
+
 class SixWalls:
     """Walls around a packing, each on a joint of its own along its outward normal.
 
@@ -36,7 +41,7 @@ class SixWalls:
         Axis whose two walls are driven later on, and are heavy.
     """
 
-    def __init__(self, packing: Packing, units: GrainUnits, *, driven: int) -> None:
+    def __init__(self, packing: Packing, units: GrainUnits, *, driven: int | None = None) -> None:
         self.axes = (0, 1) if packing.domain.is_planar else (0, 1, 2)
         corners = world_vertices(packing)
         lower, upper = corners.min(axis=0), corners.max(axis=0)
@@ -48,7 +53,9 @@ class SixWalls:
         lengths = self.upper - self.lower
         # A quarter of a layer of grains: light beside the bed, and not so light as to flutter.
         light = 0.25 * float(np.prod(lengths) / lengths.max())
-        self.masses = {name: light * (DRIVEN if name[0] == "xyz"[driven] else 1.0) for name in self.names}
+        self.masses = {
+            name: light * (DRIVEN if driven is not None and name[0] == "xyz"[driven] else 1.0) for name in self.names
+        }
 
     def furnish(self, apparatus: Apparatus) -> None:
         """Add the walls to a model, without gravity."""
@@ -91,9 +98,11 @@ class SixWalls:
         lengths = self.lengths(engine)
         for axis in axes:
             area = float(np.prod(lengths) / lengths[axis])
-            for side in (0, 1):
-                name = f"{'xyz'[axis]}{side}"
-                meter.push(name, -area * (1.0 + engine.axle(name)[1] / limit_speed))
+            names = [f"{'xyz'[axis]}{side}" for side in (0, 1)]
+            speeds = [engine.axle(name)[1] for name in names]
+            drift = 0.5 * DRIFT_DAMPING * (speeds[1] - speeds[0])
+            for name, speed, sense in zip(names, speeds, (-1.0, 1.0), strict=True):
+                meter.push(name, -area * (1.0 + speed / limit_speed + sense * drift))
 
     def pressures(self, forces: dict[str, float], lengths: Floats) -> Floats:
         """Return the pressure [P] on the walls across each axis, the mean of the two, shape (3,); NaN for no walls."""
