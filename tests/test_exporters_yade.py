@@ -16,7 +16,9 @@ from grainsdem.errors import InputError
 from grainsdem.geometry.integrals import integrate
 from grainsdem.geometry.rotations import to_matrices, world_vertices
 from grainsdem.model import Domain
-from grainsdem.packing import rescale
+from grainsdem.packing import carve, rescale, shrink
+from grainsdem.points import poisson
+from grainsdem.tessellation import relax, tessellate
 
 pytestmark = pytest.mark.client
 
@@ -127,6 +129,26 @@ def test_overlapping_cubes_are_told_by_yade_with_their_volume(yade, tmp_path):
     [[one, other, volume]] = first["overlaps"]
     assert {one, other} == {0, 1}
     assert volume == pytest.approx(1.8 * 1.7 * 0.1, rel=1e-4)
+
+
+def test_a_periodic_bed_wraps_around_and_cubes_meet_their_images(yade, tmp_path):
+    domain = Domain.box((2.5e-3, 2.5e-3, 2.5e-3), periodic=True)
+    bed, few = (
+        shrink(carve(tessellate(relax(poisson(domain, n, rng=2), domain, iterations=3), domain)), porosity=0.4)
+        for n in (90, 8)
+    )
+    far = Domain(np.array([10.0, 10.0, 10.0]), np.array([18.0, 18.0, 18.0]), np.ones(3, bool))
+    cubes = cube_packing([[10.5, 13, 13], [16.51, 13.1, 13.2]], domain=far)
+    for name, packing in (("bed", bed), ("cubes", cubes)):
+        (tmp_path / name).mkdir()
+        written(packing, tmp_path / name / "bed.py", units="si")
+    [[built, first], [_, met]] = yade([(tmp_path / "bed", [1]), (tmp_path / "cubes", [1])])
+    assert built["n_bodies"] == 90
+    assert first["overlaps"] == []
+    [[_, _, volume]] = met["overlaps"]
+    assert volume == pytest.approx(0.01 * 1.9 * 1.8, rel=1e-4)
+    with pytest.raises(InputError, match="narrower than half the periodic domain"):
+        written(few, tmp_path / "few.py")
 
 
 def test_the_golden_script_runs_and_weighs_its_two_grains(yade, tmp_path):

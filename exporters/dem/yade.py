@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from exporters.check import check_choice, check_positive
+from exporters.check import check_choice, check_positive, refuse
 from exporters.container import world_bounds
 from exporters.dem.bodies import bodies, parts, vertices_in
 from exporters.dem.scene import WALLS, check_word, down, height, walls
@@ -38,7 +38,7 @@ Run it in its own folder: $name.npz is looked for there.
 import numpy
 from yade import polyhedra_utils
 
-bed = numpy.load("$name.npz")
+bed = numpy.load("$name.npz")$cell
 
 
 def material(density):
@@ -84,6 +84,10 @@ O.engines = [
 O.dt = $time_step
 O.stopAtIter = $steps
 ''')
+
+
+# Yade's cell is periodic along all axes, and begins at the origin.
+_CELL = "\nO.periodic = True\nO.cell.setBox({:.14g}, {:.14g}, {:.14g})"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -136,7 +140,7 @@ Options = YadeOptions
 
 LOSES = (
     "Faces are those of the vertices' convex hull, which Yade finds itself.",
-    "Periodic axes become walls.",
+    "A bed that is periodic along all axes is moved to the origin; where only some are, they become walls.",
 )
 """What the format does not carry."""
 
@@ -151,7 +155,8 @@ def files(
     Raises
     ------
     InputError
-        If the packing is empty or not finite, or the name is not one word.
+        If the packing is empty or not finite, a grain is wider than half the domain where all axes are periodic, or the
+        name is not one word.
     """
     check_word(name)
     options = options or YadeOptions()
@@ -188,16 +193,22 @@ def _script(packing: Packing, sizes: Bodies, scales: GrainUnits, options: YadeOp
         damping=f"{options.damping:.9g}",
         gravity=rows_of_text(options.gravity / scales.acceleration * down(packing), [3])[0].replace(" ", ", "),
         time_step=f"{time_step / scales.time:.9g}",
+        cell=_CELL.format(*(packing.domain.lengths / scales.length).tolist()) if packing.domain.periodic.all() else "",
     )
 
 
 def _arrays(packing: Packing, sizes: Bodies, scales: GrainUnits, options: YadeOptions) -> bytes:
     """Return the grains and the walls as one file of arrays; NumPy writes the same bytes for the same arrays."""
-    container = walls(packing, world_bounds(packing), options.walls)
     vertices, offsets = np.empty_like(packing.grains.vertices), packing.grains.vertex_offsets
     for rows, part in parts(packing):
         frames = (sizes.centroids[rows], sizes.axes[rows], sizes.diameters[rows])
         vertices[offsets[rows.start] : offsets[rows.stop]] = vertices_in(part.grains, *frames)
+    wraps = bool(packing.domain.periodic.all())
+    if wraps:
+        reach = np.sqrt(np.maximum.reduceat((vertices**2).sum(axis=1), offsets[:-1]))
+        half = packing.domain.lengths.min() / 2
+        refuse("grains must be narrower than half the periodic domain, or Yade stops", 2.1 * reach > half)
+    container = walls(packing, world_bounds(packing), "none" if wraps else options.walls)
     vertices /= scales.length
     file = io.BytesIO()
     np.savez(
@@ -205,7 +216,7 @@ def _arrays(packing: Packing, sizes: Bodies, scales: GrainUnits, options: YadeOp
         ids=np.arange(len(packing)),
         vertices=vertices,
         vertex_offsets=offsets,
-        centres=sizes.centres / scales.length,
+        centres=(sizes.centres - packing.domain.lower * wraps) / scales.length,
         orientations=sizes.orientations,
         masses=sizes.masses / scales.mass,
         densities=packing.densities / scales.density,
