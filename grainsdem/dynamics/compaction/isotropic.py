@@ -195,9 +195,9 @@ def compact(
     -----
     Every wall is pushed inward with the pressure times its present area, less in proportion to its speed, up to 2 d/t.
     Walls have closed in where porosity has changed by less than 1e-3 in 2 t. From then on grains have their own
-    friction, and a drag takes velocity away at a rate of 0.5/t: without gravity, rattlers would fly for ever. At rest means: at
-    five samples 0.2 t apart, the mean kinetic energy of a grain is below 1e-5 P d³, and the mean pressures on walls and
-    in contacts are within 3 % of that asked for, or the porosity within 1e-4.
+    friction, and a drag takes velocity away at a rate of 0.5/t: without gravity, rattlers would fly for ever. At rest
+    means: at five samples 0.2 t apart, the mean kinetic energy of a grain is below 1e-5 P d³, and the mean pressures on
+    walls and in contacts are within 3 % of that asked for, or the porosity within 1e-4.
     """
     check_ranges(pressure=pressure, time_step=time_step, max_time=max_time)
     check_frictions(friction=friction, compaction_friction=compaction_friction)
