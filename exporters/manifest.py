@@ -2,7 +2,8 @@
 
 ``manifest.json`` holds the packing's size, porosity and smallest gap, its provenance and the seeds in it, the versions
 that wrote it, and for every format its options, the factors from its units to SI, what it loses, what it did to the
-grains (such as rounding them), and the SHA-256 and size of each of its files. It has no clock, host or path in it: the same packing gives the same bytes.
+grains (such as rounding them), and the SHA-256 and size of each of its files. It has no clock, host or path in it: the
+same packing gives the same bytes.
 """
 
 from __future__ import annotations
