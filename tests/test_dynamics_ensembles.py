@@ -90,10 +90,26 @@ def test_a_curve_is_the_mean_of_the_second_stages_where_both_have_them():
 
 
 @pytest.mark.unit
+def test_an_experiment_without_a_seed_is_no_ensemble(cube):
+    def weigh(packing, *, scale=1.0):
+        return packing, scale
+
+    with pytest.raises(InputError, match="does not take rng"):
+        ensemble(weigh, cube)
+
+
+@pytest.mark.unit
 @pytest.mark.parametrize(
     ("options", "words"),
-    [({"seeds": 0}, "one at least"), ({"seeds": [1, 1]}, "differ"), ({"through": "magic"}, "'batch' or 'processes'")],
+    [
+        ({"seeds": 0}, "one at least"),
+        ({"seeds": [1, 1]}, "differ"),
+        ({"through": "magic"}, "'batch' or 'processes'"),
+        ({"strian": 0.1}, "triaxial takes confining_pressure, strain, .*; no such option: strian"),
+        ({"resume": True}, "no such option: resume"),
+        ({"friction": "high"}, "friction must be zero or more; got high"),
+    ],
 )
-def test_an_ensemble_needs_seeds_that_differ(cube, options, words):
+def test_what_an_ensemble_cannot_do_is_refused(cube, options, words):
     with pytest.raises(InputError, match=words):
         ensemble(triaxial, cube, **options)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from dataclasses import dataclass
 from importlib import import_module
+from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -12,7 +13,7 @@ import numpy as np
 
 from exporters.mjcf.log import quiet
 from grainsdem.dynamics.engine.lockstep import Lockstep, UnlikeError
-from grainsdem.errors import InputError, WriteError
+from grainsdem.errors import InputError, WriteError, name_offenders
 from grainsdem.workers import n_processors, share
 
 if TYPE_CHECKING:
@@ -28,6 +29,10 @@ if TYPE_CHECKING:
 
 CONFIDENCE = 0.95
 """Of every interval: Student's, two-sided."""
+
+
+_OWN = "rng", "history_path", "resume", "progress"
+"""Options of an experiment that the ensemble itself gives."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -149,7 +154,7 @@ def ensemble(
     Raises
     ------
     InputError
-        If there is no seed, two are the same, or ``through`` is another word.
+        If there is no seed, two are the same, ``through`` is another word, or the experiment has no such option.
 
     Examples
     --------
@@ -161,6 +166,7 @@ def ensemble(
         raise InputError(f"an ensemble needs seeds that differ, one at least; got {list(chosen)}")
     if through not in ("auto", "batch", "processes"):
         raise InputError(f"through must be 'auto', 'batch' or 'processes'; got {through!r}")
+    _check_options(experiment, options)
     jobs = _jobs(experiment, packing, chosen, history_folder, options)
     if through != "processes" and len(chosen) > 1:
         try:
@@ -174,6 +180,16 @@ def ensemble(
         if progress is not None:
             progress(done, len(jobs))
     return Ensemble(chosen, tuple(outcomes), "processes")
+
+
+def _check_options(experiment: Callable[..., Any], options: dict[str, Any]) -> None:
+    """Raise `InputError` where an experiment has no such option, or it is the ensemble's own."""
+    names = [p.name for p in signature(experiment).parameters.values() if p.kind is p.KEYWORD_ONLY]
+    allowed = [name for name in names if name not in _OWN]
+    unknown = [name for name in options if name not in allowed]
+    if "rng" not in names or unknown:
+        given = f"no such option: {name_offenders(unknown)}" if unknown else "it does not take rng"
+        raise InputError(f"{experiment.__name__} takes {', '.join(allowed)}; {given}")
 
 
 def _jobs(

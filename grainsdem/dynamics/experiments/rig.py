@@ -105,15 +105,20 @@ def pressure_gravity(packing: Packing, pressure: float) -> float:
 def check_ranges(**values: float) -> None:
     """Raise `InputError` unless each number is positive and finite."""
     for name, value in values.items():
-        if not (np.isfinite(value) and value > 0):
+        if not (_is_number(value) and value > 0):
             raise InputError(f"{name} must be positive and finite; got {value}")
 
 
 def check_frictions(**values: float | None) -> None:
     """Raise `InputError` unless each coefficient is zero or more, or not given."""
     for name, value in values.items():
-        if value is not None and not (np.isfinite(value) and value >= 0):
+        if value is not None and not (_is_number(value) and value >= 0):
             raise InputError(f"{name} must be zero or more; got {value}")
+
+
+def _is_number(value: object) -> bool:
+    """Return whether a value, which may come from a text, is a finite number."""
+    return isinstance(value, int | float | np.integer | np.floating) and bool(np.isfinite(value))
 
 
 class Meter:
