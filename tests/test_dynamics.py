@@ -286,12 +286,13 @@ def test_a_grain_thrown_out_of_the_box_is_named(poured):
 
 def test_want_of_memory_ends_in_an_error_and_leaves_no_log_behind(poured, tmp_path, monkeypatch):
     def starved(packing, options):
-        return text_as_ever(packing, replace(options, memory=200_000))  # too little for a bed's contacts
+        return text_as_ever(packing, replace(options, memory=120_000))  # too little for a bed's contacts
 
     text_as_ever = scenes.mjcf.text
     monkeypatch.setattr(scenes.mjcf, "text", starved)
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(UnstableError, match="out of memory"):
+    # MuJoCo ends, or goes on without the contacts that found no room: which of the two hangs on the last contact.
+    with pytest.raises(UnstableError, match="out of memory|mjWARN_CONTACTFULL"):
         settle(poured, max_time=50.0)
     assert list(tmp_path.iterdir()) == []
 

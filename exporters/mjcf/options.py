@@ -39,7 +39,8 @@ class MjcfOptions:
     tolerance : float
         Relative improvement [1] at which the solver stops.
     impratio : float
-        Ratio [1] of frictional to normal stiffness; 10 keeps a bed at rest from creeping.
+        Ratio [1] of frictional to normal stiffness; with 20 a block 2 degrees below the angle of friction creeps by
+        less than 1e-5 diameters while it would fall by half of one.
     noslip_iterations : int
         Iterations that take away the last creep of states to be stored; 0 for none.
     contact_width : float
@@ -79,7 +80,7 @@ class MjcfOptions:
     solver: Literal["PGS", "CG", "Newton"] = "PGS"
     iterations: int | None = None
     tolerance: float = 1e-8
-    impratio: float = 10.0
+    impratio: float = 20.0
     noslip_iterations: int = 0
     contact_width: float = 1e-3
     walls: Literal["box", "floor", "none"] = "box"
