@@ -292,7 +292,7 @@ def test_want_of_memory_ends_in_an_error_and_leaves_no_log_behind(poured, tmp_pa
     monkeypatch.setattr(scenes.mjcf, "text", starved)
     monkeypatch.chdir(tmp_path)
     # MuJoCo ends, or goes on without the contacts that found no room: which of the two hangs on the last contact.
-    with pytest.raises(UnstableError, match="out of memory|mjWARN_CONTACTFULL"):
+    with pytest.raises(UnstableError, match=r"out of memory|mjWARN_CONTACTFULL"):
         settle(poured, max_time=50.0)
     assert list(tmp_path.iterdir()) == []
 
