@@ -44,9 +44,8 @@ def test_the_glued_grains_stay_on_their_plates(sheared):
 
 def test_grains_go_round_faster_the_nearer_they_are_to_the_lid(sheared):
     height, velocity = sheared.profile["height"], sheared.profile["velocity"]
-    assert np.polyfit(height, velocity, 1)[0] > 0.3
-    assert velocity[-1] > 0.5
-    assert velocity[0] < 0.5
+    upper, lower = velocity[height > 2 / 3].mean(), velocity[height < 1 / 3].mean()
+    assert lower + 0.2 < upper < 1.1
 
 
 def test_a_ring_goes_on_after_an_interrupt_to_the_same_bits(tmp_path):

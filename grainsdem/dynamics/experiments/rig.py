@@ -44,12 +44,15 @@ REST_ENERGY = 1e-4
 REST_SAMPLES = 5
 """How many samples in a row must be so."""
 
+GATHERED = 0.01, 10
+"""How little, relative to itself, the solid fraction of grains that have been gathered changes, in how many samples."""
+
 DRAG = 0.5
-"""Rate [1/t] at which grains lose their velocity while a bed is compressed: without gravity nothing else stops rattlers
-and spheres that roll."""
+"""Rate [1/t] at which grains lose their velocity from then on until they are sheared: without gravity nothing else
+stops rattlers and spheres that roll."""
 
 COMPRESSION_LIMIT = 60.0
-"""Time [t] after which a bed is sheared although it has not come to rest."""
+"""Time [t] from then on after which a bed is sheared although it has not come to rest."""
 
 RAMP_TIME = 1.0
 """Time [t] in which driven parts get up to speed."""
@@ -242,6 +245,8 @@ class Staged(Trial):
         super().__init__(scene, record, meter, tell)
         self.strain, self.rate = options["strain"], options["inertial_number"]
         self._frictions = options["compaction_friction"], options["friction"]
+        self.gathered: float | None = None
+        """When [t] the grains had been gathered."""
         self.begun: dict[str, Any] | None = None
         """What is remembered of the moment when shear began."""
         self._enter_stage()
@@ -284,20 +289,27 @@ class Staged(Trial):
             self.tell(self.strain_of(now) / self.strain, self.words(now))
             return
         self.tell(0.0, f"compressing: solid fraction {now.solid_fraction:.3f}, {now.kinetic_energy:.0e} P d³")
-        is_at_rest = len(self.samples) > REST_SAMPLES and all(map(self._is_at_rest, self.samples[-REST_SAMPLES:]))
-        if is_at_rest or now.time > COMPRESSION_LIMIT:
+        if self.gathered is None:
+            change, n = GATHERED
+            if len(self.samples) > n and abs(self.samples[-n].solid_fraction / now.solid_fraction - 1) < change:
+                self.gathered = now.time
+                self._enter_stage()
+            return
+        is_at_rest = all(map(self._is_at_rest, self.samples[-REST_SAMPLES:]))
+        if is_at_rest or now.time > self.gathered + COMPRESSION_LIMIT:
             self.begun = {"time": now.time, "is_at_rest": bool(is_at_rest), **self.mark()}
             self.sample_time = max(self.sample_time, self.duration() / N_SAMPLES)
             self._enter_stage()
 
     def memory(self) -> dict[str, Any]:
         """Return what the run remembers besides state and samples, as JSON values."""
-        return {**super().memory(), "begun": self.begun, "sample_time": self.sample_time}
+        return {**super().memory(), "gathered": self.gathered, "begun": self.begun, "sample_time": self.sample_time}
 
     def recall(self, memory: Mapping[str, Any]) -> None:
         """Take back what `memory` gave."""
         super().recall(memory)
-        self.begun, self.sample_time = memory["begun"], memory["sample_time"]
+        self.gathered, self.begun = memory["gathered"], memory["begun"]
+        self.sample_time = memory["sample_time"]
         self._enter_stage()
 
     def _is_at_rest(self, row: Any) -> bool:
@@ -309,7 +321,7 @@ class Staged(Trial):
         """Give the grains the friction and the drag of the present stage."""
         compaction, shear = self._frictions
         self.scene.engine.set_friction(shear if self.begun or compaction is None else compaction)
-        self.scene.engine.set_drag(0.0 if self.begun else DRAG)
+        self.scene.engine.set_drag(DRAG if self.gathered is not None and self.begun is None else 0.0)
 
 
 def assemble(
