@@ -83,8 +83,13 @@ def bench_trimesh(packing, n=2000):
             faces = cut.indices[cut.offsets[i] : cut.offsets[i + 1]]
             trimesh.Trimesh(world[offsets[i] : offsets[i + 1]], faces, process=False).export(file_type="stl")
 
-    row("the same in memory only", best(lambda: exporters.files(packing, ".stl")))
-    row(f"a loop of trimesh exports in memory, from {n}", best(work) * len(packing) / n)
+    def ours():
+        for content in exporters.find(".stl").module.files(packing).values():
+            for _ in content:
+                pass
+
+    row("binary STL made, not stored", best(ours))
+    row(f"a loop of trimesh exports, not stored", best(work) * len(packing) / n)
 
 
 def main():
