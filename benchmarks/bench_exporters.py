@@ -89,7 +89,7 @@ def bench_trimesh(packing, n=2000):
                 pass
 
     row("binary STL made, not stored", best(ours))
-    row(f"a loop of trimesh exports, not stored", best(work) * len(packing) / n)
+    row("a loop of trimesh exports, not stored", best(work) * len(packing) / n)
 
 
 def main():
