@@ -15,8 +15,11 @@ from grainsdem.errors import FileFormatError, InputError, MissingFileError
 from grainsdem.geometry.integrals import volumes
 from grainsdem.geometry.rotations import random_quaternions
 from grainsdem.measures import diameters
-from grainsdem.packing import rescale
+from grainsdem.model import Domain
+from grainsdem.packing import carve, rescale, shrink
+from grainsdem.points import poisson
 from grainsdem.storage import save
+from grainsdem.tessellation import tessellate
 from grainsdem.validation import compare, validate
 
 SUFFIXES = [".xml", ".usda", ".usdc", ".usdz", ".stl", ".obj"]
@@ -46,6 +49,27 @@ def test_a_bed_survives_its_file(fresh, tmp_path, suffix, diameter):
     assert all(check.ok for check in compare(packing, bed, tolerance=1e-5))
     gap = next(check.worst for check in report.checks if check.name == "smallest gap")
     assert gap > 0
+
+
+@pytest.fixture(scope="module", params=["periodic", "planar"])
+def unusual(request):
+    """Grains that reach over periodic boundaries, and prisms of a planar bed."""
+    domain = {
+        "periodic": Domain(np.zeros(3), np.full(3, 6e-3), np.array([True, True, False])),
+        "planar": Domain.slab((6e-3, 6e-3), 5e-4),
+    }[request.param]
+    return shrink(carve(tessellate(poisson(domain, 90, rng=1), domain)), porosity=0.4)
+
+
+@pytest.mark.client
+@pytest.mark.parametrize("units", ["si", "grain"])
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_periodic_beds_and_prisms_survive_their_files_in_any_units(unusual, tmp_path, suffix, units):
+    [path, *_] = exporters.write(unusual, tmp_path / f"bed{suffix}", units=units)
+    packing, report = certified(path)
+    assert all(check.ok for check in compare(packing, unusual, tolerance=1e-5))
+    wanted = {"overlaps", "overlap depth", "closed", "outward", "convex", "finite"}
+    assert all(check.ok for check in report.checks if check.name in wanted)
 
 
 @pytest.mark.client
