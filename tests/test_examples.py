@@ -49,7 +49,7 @@ def test_the_readmes_python_runs_as_it_stands(tmp_path):
 def test_the_readmes_commands_run_as_they_stand(tmp_path):
     section = README.split("## From the command line")[1]
     commands = re.findall(r"^grainsdem (.*?)(?:\s*#.*)?$", section.split("```")[1], flags=re.MULTILINE)
-    assert len(commands) == 9
+    assert len(commands) == 13
     for command in commands:
         run("-c", "from grainsdem.cli import main; main()", *command.split(), folder=tmp_path)
     assert {"bed.h5", "bed.xml", "grains.csv", "settled.h5", "settled.png"} <= {p.name for p in tmp_path.iterdir()}
