@@ -314,6 +314,10 @@ def test_a_stage_in_other_units_is_the_same_bed_in_si(tilted, tmp_path, units_of
     floor = box.ComputeWorldBound(stage.GetPrimAtPath("/World/Container/floor")).ComputeAlignedRange()
     assert floor.GetMax()[2] == pytest.approx(0.0, abs=1e-6)
     assert floor.GetMin()[2] * length == pytest.approx(-2 * units(tilted).length, rel=1e-6)
+    shape = grain_prims(stage)[0].GetChild("shape")
+    thickness = shape.GetAttribute("physxConvexHullCollision:minThickness").Get()
+    assert thickness * length == pytest.approx(1e-3 * units(tilted).length)
+    assert shape.GetAttribute("newton:contactGap").Get() * length == pytest.approx(0.01 * units(tilted).length)
     unit_mass = UsdPhysics.GetStageKilogramsPerUnit(stage)
     moments = np.array([
         UsdPhysics.MassAPI(prim).GetDiagonalInertiaAttr().Get() for prim in grain_prims(stage)
@@ -453,6 +457,26 @@ def test_a_record_of_other_grains_or_times_is_refused(tilted, motion, tmp_path):
 def test_a_colour_that_is_none_is_refused(cube, colour, message):
     with pytest.raises(InputError, match=message):
         exporters.files(cube, ".usdc", colour=colour)
+
+
+@pytest.mark.client
+def test_prisms_of_a_planar_bed_stand_between_smooth_walls_and_fall_along_y(cube, tmp_path):
+    from pxr import Usd, UsdGeom, UsdPhysics, UsdShade
+
+    slab = replace(cube, domain=Domain.slab((4.0, 4.0), 2.0), positions=np.array([[2.0, 2.0, 1.0]]))
+    exporters.write(slab, tmp_path / "bed.usdc")
+    stage = opened(tmp_path / "bed.usdc")
+    assert tuple(UsdPhysics.Scene.Get(stage, "/World/PhysicsScene").GetGravityDirectionAttr().Get()) == (0, -1, 0)
+    cache = UsdGeom.BBoxCache(Usd.TimeCode.Default(), ["default"])
+    inner = {"floor": (1, 0.0), "wall_x0": (0, 0.0), "wall_x1": (0, 4.0), "wall_z0": (2, 0.0), "wall_z1": (2, 2.0)}
+    walls = {prim.GetName(): prim for prim in stage.GetPrimAtPath("/World/Container").GetChildren()}
+    assert walls.keys() == inner.keys()
+    for name, (axis, place) in inner.items():
+        box = cache.ComputeWorldBound(walls[name]).ComputeAlignedRange()
+        assert min(abs(box.GetMin()[axis] - place), abs(box.GetMax()[axis] - place)) < 1e-6
+        material, _ = UsdShade.MaterialBindingAPI(walls[name]).ComputeBoundMaterial("physics")
+        friction = UsdPhysics.MaterialAPI(material.GetPrim()).GetDynamicFrictionAttr().Get()
+        assert friction == (0.0 if axis == 2 else 0.5)
 
 
 @pytest.mark.client

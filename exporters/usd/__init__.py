@@ -58,7 +58,7 @@ class UsdOptions:
         Distance, in median diameters, at which Newton begins to look at a pair.
     walls : {"box", "floor", "none"}
         Container from the packing's domain: floor and four walls, floor only, or nothing. A wall of a periodic axis
-        stands where the outermost grain ends.
+        stands where the outermost grain ends. A planar bed is held in its plane by two smooth walls more.
     colour : {"mineral", "id", "diameter"} or array_like
         Display colour of each grain: see `exporters.container`.
     units : {"si", "mm", "grain"} or float

@@ -124,7 +124,8 @@ def _materials(bed: Bed) -> Prim:
             "physics:restitution": Attribute("float", options.restitution),
             "physics:density": Attribute("float", density),
         })
-        for name, friction in (("Grain", options.friction), ("Wall", wall_friction))
+        for name, friction in (("Grain", options.friction), ("Wall", wall_friction), ("Side", 0.0))
+        if name != "Side" or bed.packing.domain.is_planar
     ]  # fmt: skip
     return Prim(name="Materials", kind="Scope", children=tuple(materials))
 
@@ -135,7 +136,8 @@ def _container(bed: Bed) -> list[Prim]:
     lower, upper = (corner / bed.scales.length for corner in container_box(bed.packing, world_bounds(bed.packing)))
     thick = _WALL_THICKNESS * bed.diameter
     axis_of = {"x": 0, "y": 1, "z": 2}
-    names = ["y0", "x0", "x1"] if domain.is_planar else ["z0", "x0", "x1", "y0", "y1"]
+    # No joint of USD holds a body in a plane: two smooth walls do.
+    names = ["y0", "x0", "x1", "z0", "z1"] if domain.is_planar else ["z0", "x0", "x1", "y0", "y1"]
     chosen = {"box": names, "floor": names[:1], "none": []}[options.walls]
     walls = []
     for name in chosen:
@@ -148,21 +150,23 @@ def _container(bed: Bed) -> list[Prim]:
         if not is_floor and not domain.is_planar:
             size[2] = upper[2] - lower[2]
         box = (centre, size, (1.0, 0.0, 0.0, 0.0))
-        walls.append(_wall("floor", box, gap, 1.0) if is_floor else _wall(f"wall_{name}", box, gap, 0.12))
+        is_side = domain.is_planar and axis == 2
+        look = ("floor", 1.0) if is_floor else (f"wall_{name}", 0.02 if is_side else 0.12)
+        walls.append(_wall(*look, box, gap, "Side" if is_side else "Wall"))
     if options.walls == "box":
         reach = float(np.linalg.norm(upper - lower)) + 2 * thick
         for k, (point, rotation) in enumerate(zip(*plane_frames(domain), strict=True)):
             outward = domain.planes[k, :3]
             box = (point + outward * thick / 2, np.array([reach, reach, thick]), rotation)
-            walls.append(_wall(f"wall_p{k}", box, gap, 0.02))
+            walls.append(_wall(f"wall_p{k}", 0.02, box, gap))
     return walls
 
 
-def _wall(name: str, box: tuple[Any, Any, Any], gap: float, opacity: float) -> Prim:
+def _wall(name: str, opacity: float, box: tuple[Any, Any, Any], gap: float, material: str = "Wall") -> Prim:
     """Return one static box of the container: its centre, size and rotation."""
     centre, size, rotation = box
     schemas = ("PhysicsCollisionAPI", "NewtonCollisionAPI", "MaterialBindingAPI")
-    targets = {"material:binding:physics": "/World/Materials/Wall"}
+    targets = {"material:binding:physics": f"/World/Materials/{material}"}
     return Prim(name=name, kind="Cube", schemas=schemas, targets=targets, attributes={
         "size": Attribute("double", 1.0),
         "extent": Attribute("float3[]", [(-0.5, -0.5, -0.5), (0.5, 0.5, 0.5)]),
