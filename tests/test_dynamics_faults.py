@@ -294,3 +294,13 @@ def test_only_the_newest_models_are_kept(heap, tmp_path, monkeypatch):
     for friction in (0.1, 0.2, 0.3):
         settle(heap, max_time=0.1, friction=friction)
     assert len(list(tmp_path.glob("*.mjb"))) == 2
+
+
+@pytest.mark.unit
+def test_frames_of_a_history_begin_with_the_start_and_end_with_the_end(heap, whole):
+    frames = load_history(whole[1])
+    assert frames["frame_times"][0] == 0
+    assert frames["frame_times"][-1] == frames["time"][-1]
+    np.testing.assert_allclose(frames["positions"][0], heap.positions, rtol=1e-9)
+    np.testing.assert_array_equal(frames["positions"][-1], whole[0].packing.positions)
+    assert (np.diff(frames["frame_times"]) > 0).all()

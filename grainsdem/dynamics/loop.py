@@ -137,6 +137,8 @@ class Loop:
             self._begin(stack)
             try:
                 self._loop()
+                if (len(self.samples) - 1) % SAMPLES_PER_FRAME:
+                    self._append_frame()  # the end, too
             except KeyboardInterrupt as interrupt:
                 if self._writer is not None:
                     interrupt.add_note(f"the history up to {self.time_in_si():.4g} s is kept in {self._writer.path}")
@@ -187,6 +189,8 @@ class Loop:
                 n_frames=self.n_frames,
             )
         )
+        if not self.n_frames:
+            self._append_frame()
 
     def _loop(self) -> None:
         good, memory = self.scene.state(), self.memory()
@@ -222,11 +226,15 @@ class Loop:
         if self._writer is not None:
             self._writer.append(**self.in_si(now)._asdict())
             if (len(self.samples) - 1) % SAMPLES_PER_FRAME == 0:
-                grains = self.scene.packing()
-                pose = {"positions": grains.positions, "quaternions": grains.quaternions}
-                self._writer.append_frame(self.time_in_si(), **pose)
-                self.n_frames += 1
+                self._append_frame()
         self.keep(now)
+
+    def _append_frame(self) -> None:
+        """Write where the grains are now."""
+        if self._writer is not None:
+            grains = self.scene.packing()
+            self._writer.append_frame(self.time_in_si(), positions=grains.positions, quaternions=grains.quaternions)
+            self.n_frames += 1
 
     def _save(self, state: NDArray[np.float64], memory: dict[str, Any]) -> None:
         """Write a checkpoint, once the history holds all that it counts on."""
