@@ -38,6 +38,13 @@ def test_walls_and_contacts_of_a_compressed_bed_have_the_same_stress_within_two_
         assert walls == pytest.approx(PRESSURE, rel=0.02)
 
 
+def test_walls_and_contacts_of_a_sheared_bed_have_the_same_mean_stress_within_two_percent(sheared):
+    chosen = sheared[0].history["stage"] == 1
+    means = {name: series[chosen].mean() for name, series in sheared[0].history.items()}
+    for side in ("axial", "lateral"):
+        assert means[f"{side}_stress_contacts"] == pytest.approx(means[f"{side}_stress"], rel=0.02)
+
+
 def test_side_walls_hold_the_pressure_while_the_bed_is_sheared(sheared):
     assert sheared[0].report.is_compressed
     assert sheared[0].report.confining_pressure == pytest.approx(PRESSURE, rel=0.05)

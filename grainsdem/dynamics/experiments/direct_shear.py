@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from grainsdem.dynamics.experiments.rig import Tell
+    from grainsdem.dynamics.mechanics import Snapshot
     from grainsdem.dynamics.scene import Scene
     from grainsdem.model import Packing
 
@@ -64,7 +65,8 @@ class DirectShearSample(NamedTuple):
     normal_stress, shear_stress : float
         Mean force on lid and upper half since the last sample, over the area that the halves have in common [P].
     normal_stress_contacts, shear_stress_contacts : float
-        The same from the contacts that cross the plane between the halves, at the instant [P].
+        The same from the contacts that cross the plane between the halves: means over the same time during shear,
+        before it with converged forces at the instant [P].
     friction : float
         Shear force over normal force of the box.
     solid_fraction : float
@@ -254,17 +256,17 @@ class _DirectShear(Staged):
         if self.begun is None:
             self.box.gather(self.meter, engine)
             return
+        self.probe()
         self.box.hold(self.meter, engine)
         self.meter.drive("shear", self.rate * self.begun["height"] * self.ramp())
 
     def measure(self) -> DirectShearSample:
         """Return the present sample."""
-        engine, box, scales = self.scene.engine, self.box, self.scene.units
+        engine, box = self.scene.engine, self.box
         forces, now = self.meter.read(), snapshot(self.scene)
         height, way = box.height(engine), engine.axle("shear")[0] / box.length
         area = box.area * (1.0 - way)
-        lower, upper = ((box.split + side * BAND) * scales.length for side in (-1, 1))
-        inner = traction(now, axis=box.up, lower=lower, upper=upper, area=area * scales.length**2) / scales.stress
+        inner_normal, inner_shear = self.mean_inner(now)
         normal, shear = forces["lift"] / area, -forces["shear"] / area
         return DirectShearSample(
             time=engine.time,
@@ -273,14 +275,22 @@ class _DirectShear(Staged):
             volumetric_strain=height / (self.begun["height"] if self.begun else height) - 1.0,
             normal_stress=normal,
             shear_stress=shear,
-            normal_stress_contacts=float(inner[box.up]),
-            shear_stress_contacts=float(-inner[0]),
+            normal_stress_contacts=float(inner_normal),
+            shear_stress_contacts=float(inner_shear),
             friction=shear / normal if normal > 0 else 0.0,
             solid_fraction=self._volume / (box.area * height),
             coordination=coordination(now),
             sliding_fraction=float(np.nan_to_num(sliding_fraction(now))),
             kinetic_energy=self.kinetic_energy(now),
         )
+
+    def inner(self, now: Snapshot) -> tuple[float, ...]:
+        """Return normal and shear stress [P] of the contacts across the plane between the halves at one instant."""
+        box, scales = self.box, self.scene.units
+        area = box.area * (1.0 - self.scene.engine.axle("shear")[0] / box.length) * scales.length**2
+        lower, upper = ((box.split + side * BAND) * scales.length for side in (-1, 1))
+        found = traction(now, axis=box.up, lower=lower, upper=upper, area=area) / scales.stress
+        return float(found[box.up]), float(-found[0])
 
     def outside(self) -> Floats:
         """Return how far [d] each centroid is outside both halves, shape (n,)."""

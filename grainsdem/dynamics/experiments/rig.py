@@ -9,7 +9,7 @@ import numpy as np
 
 from exporters import mjcf
 from grainsdem.dynamics.loop import Loop, Record
-from grainsdem.dynamics.mechanics import energies
+from grainsdem.dynamics.mechanics import energies, snapshot
 from grainsdem.dynamics.scene import Scene, equip, refuse_overlap, scene_of
 from grainsdem.dynamics.watch import TroubleError, refuse_broken
 from grainsdem.errors import InputError, name_offenders
@@ -59,6 +59,9 @@ RAMP_TIME = 1.0
 
 N_SAMPLES = 200
 """Samples of a shearing run, or fewer where they would be closer than the loop's own."""
+
+STEPS_PER_PROBE = 4
+"""Steps between looks at the contacts of a sheared bed, whose stresses are averaged over a sample as those of walls."""
 
 Report = TypeVar("Report")
 
@@ -249,11 +252,29 @@ class Staged(Trial):
         """When [t] the grains had been gathered."""
         self.begun: dict[str, Any] | None = None
         """What is remembered of the moment when shear began."""
+        self._probes: list[tuple[float, ...]] = []
+        self._n_probed = 0
         self._enter_stage()
 
     def mark(self) -> dict[str, Any]:
         """Return what to remember of the present state when shear begins, as JSON values."""
         raise NotImplementedError
+
+    def inner(self, now: Snapshot) -> tuple[float, ...]:
+        """Return the stresses [P] that the contacts bear at one instant."""
+        raise NotImplementedError
+
+    def probe(self) -> None:
+        """Look at the contacts of the last step, now and then; called before each step of the shear."""
+        self._n_probed += 1
+        if self._n_probed % STEPS_PER_PROBE == 0:
+            self._probes.append(self.inner(snapshot(self.scene, converged=False)))
+
+    def mean_inner(self, now: Snapshot) -> NDArray[np.float64]:
+        """Return the mean of the looks since the last sample, or the present stresses where there were none."""
+        found = np.mean(self._probes, axis=0) if self._probes else np.array(self.inner(now))
+        self._forget_probes()
+        return np.asarray(found)
 
     def strain_of(self, row: Any) -> float:
         """Return the strain of a sample."""
@@ -310,7 +331,13 @@ class Staged(Trial):
         super().recall(memory)
         self.gathered, self.begun = memory["gathered"], memory["begun"]
         self.sample_time = memory["sample_time"]
+        self._forget_probes()
         self._enter_stage()
+
+    def _forget_probes(self) -> None:
+        """Begin a mean of the contacts' stresses anew."""
+        self._probes.clear()
+        self._n_probed = 0
 
     def _is_at_rest(self, row: Any) -> bool:
         """Return whether a bed is compressed: its apparatus bears the pressure, and grains hardly move."""

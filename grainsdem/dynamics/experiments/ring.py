@@ -75,7 +75,8 @@ class RingSample(NamedTuple):
         Mean stresses on the lid since the last sample [P]; the shear stress is the one that, the same over the whole
         ring, has the lid's torque.
     normal_stress_contacts, shear_stress_contacts : float
-        The same from the contacts that cross the level planes of the middle half, at the instant [P].
+        The same from the contacts that cross the level planes of the middle half: means over the same time during
+        shear, before it with converged forces at the instant [P].
     friction : float
         Shear stress over normal stress of the lid.
     solid_fraction : float
@@ -278,19 +279,18 @@ class _Ring(Staged):
         if self.begun is None:
             self.annulus.gather(self.meter, engine)
             return
+        self.probe()
         self.annulus.hold(self.meter, engine)
         self.meter.drive("turn", self.rate * self.begun["height"] / self.annulus.mean_radius * self.ramp())
 
     def measure(self) -> RingSample:
         """Return the present sample."""
-        engine, ring, scales = self.scene.engine, self.annulus, self.scene.units
+        engine, ring = self.scene.engine, self.annulus
         forces, now = self.meter.read(), snapshot(self.scene)
         height = ring.height(engine)
         first = self.begun["height"] if self.begun else height
         normal, shear = forces["lift"] / ring.area, ring.shear_stress(-forces["turn"])
-        lower, upper = ((ring.floor + share * height) * scales.length for share in MIDDLE)
-        torque = -torque_through(now, lower=lower, upper=upper) / scales.energy
-        pressing = traction(now, axis=2, lower=lower, upper=upper, area=ring.area * scales.length**2)[2]
+        inner_normal, inner_shear = self.mean_inner(now)
         if self.begun:
             self._watch(now, height)
         return RingSample(
@@ -300,14 +300,23 @@ class _Ring(Staged):
             volumetric_strain=height / first - 1.0,
             normal_stress=normal,
             shear_stress=shear,
-            normal_stress_contacts=float(pressing / scales.stress),
-            shear_stress_contacts=ring.shear_stress(torque),
+            normal_stress_contacts=float(inner_normal),
+            shear_stress_contacts=float(inner_shear),
             friction=shear / normal if normal > 0 else 0.0,
             solid_fraction=self._volume / (ring.area * height),
             coordination=coordination(now) * len(now.is_glued) / float((~now.is_glued).sum()),
             sliding_fraction=float(np.nan_to_num(sliding_fraction(now))),
             kinetic_energy=self.kinetic_energy(now),
         )
+
+    def inner(self, now: Snapshot) -> tuple[float, ...]:
+        """Return normal and shear stress [P] of the contacts in the middle of the ring at one instant."""
+        ring, scales = self.annulus, self.scene.units
+        height = ring.height(self.scene.engine)
+        lower, upper = ((ring.floor + share * height) * scales.length for share in MIDDLE)
+        torque = -torque_through(now, lower=lower, upper=upper) / scales.energy
+        pressing = traction(now, axis=2, lower=lower, upper=upper, area=ring.area * scales.length**2)[2]
+        return float(pressing / scales.stress), ring.shear_stress(torque)
 
     def _watch(self, now: Snapshot, height: float) -> None:
         """Count the present velocities in the profile, once the last half of the strain has begun."""

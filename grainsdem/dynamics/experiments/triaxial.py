@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from grainsdem.dynamics.experiments.rig import Tell
+    from grainsdem.dynamics.mechanics import Snapshot
     from grainsdem.dynamics.scene import Scene
     from grainsdem.model import Packing
 
@@ -65,7 +66,7 @@ class TriaxialSample(NamedTuple):
     axial_stress, lateral_stress : float
         Mean pressure on the walls since the last sample [P].
     axial_stress_contacts, lateral_stress_contacts : float
-        Love–Weber's stress at the instant [P].
+        Love–Weber's stress: means over the same time during shear, before it with converged forces at the instant [P].
     solid_fraction : float
         Volume of the grains over that between the walls.
     coordination : float
@@ -272,6 +273,7 @@ class _Triaxial(Staged):
         if self.begun is None:
             cell.hold(self.meter, engine, cell.axes, limit_speed=LIMIT_SPEED)
             return
+        self.probe()
         cell.hold(self.meter, engine, self.lateral)
         height = float(cell.lengths(engine)[self.axis])
         for side in (0, 1):
@@ -283,9 +285,7 @@ class _Triaxial(Staged):
         lengths = cell.lengths(engine)
         pressures = cell.pressures(self.meter.read(), lengths)
         now, volume = snapshot(self.scene), float(np.prod(lengths))
-        scales = self.scene.units
-        inner = np.diag(stress(now, volume=volume * scales.length**3)) / scales.stress
-        lateral = list(self.lateral)
+        inner, lateral = self.mean_inner(now), list(self.lateral)
         first = lengths if self.begun is None else np.array(self.begun["lengths"])
         return TriaxialSample(
             time=engine.time,
@@ -301,6 +301,11 @@ class _Triaxial(Staged):
             sliding_fraction=float(np.nan_to_num(sliding_fraction(now))),
             kinetic_energy=self.kinetic_energy(now),
         )
+
+    def inner(self, now: Snapshot) -> tuple[float, ...]:
+        """Return Love–Weber's normal stresses [P] across the three axes at one instant."""
+        volume = float(np.prod(self.cell.lengths(self.scene.engine) * self.scene.units.length))
+        return tuple((np.diag(stress(now, volume=volume)) / self.scene.units.stress).tolist())
 
     def outside(self) -> Floats:
         """Return how far [d] each centroid is outside the walls, shape (n,)."""
