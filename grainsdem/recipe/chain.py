@@ -15,7 +15,7 @@ from grainsdem.dynamics import Settled, settle
 from grainsdem.errors import UnstableError, WriteError
 from grainsdem.measures import summary
 from grainsdem.packing import contacts
-from grainsdem.recipe.experiments import perform_all
+from grainsdem.recipe.experiments import perform_all, write_replays
 from grainsdem.recipe.growing import grow, stream
 from grainsdem.recipe.motion import SettleTable
 from grainsdem.recipe.views import look_all
@@ -92,9 +92,17 @@ def run(recipe: Recipe, folder: str | os.PathLike[str], monitor: Monitor | None 
         files += _write(settled.packing, settled.contacts, folder / "settled", recipe.output, monitor)
         if recipe.output.figures:
             files.append(figures.energy_plot(settled.history, folder / "settling.png"))
+        stem = folder / "settling"
+        files += write_replays(settled.packing, folder / "history.h5", stem, recipe.output.replays, monitor)
     bed = fresh if settled is None else settled.packing
     written, measured = perform_all(
-        recipe.experiments(), bed, folder, monitor, rng=recipe.rng, with_figures=recipe.output.figures
+        recipe.experiments(),
+        bed,
+        folder,
+        monitor,
+        rng=recipe.rng,
+        with_figures=recipe.output.figures,
+        replays=recipe.output.replays,
     )
     files += written
     summaries |= measured

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import tomllib
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import Field, ValidationError, model_serializer, model_validator
 
@@ -54,10 +54,14 @@ class OutputTable(Table):
         Suffixes of formats (`exporters.known`), without the dot.
     figures : bool
         Whether renders and plots are made.
+    replays : list of str
+        What the motions of settling and of experiments are written as: ``gif`` or ``webp`` for an animation, ``usdc``
+        or ``usda`` for a stage and a layer over it with time samples, ``pvd`` for ParaView.
     """
 
     formats: tuple[str, ...] = ("xml", "usda", "stl")
     figures: bool = True
+    replays: tuple[Literal["gif", "webp", "usdc", "usda", "pvd"], ...] = ()
 
     @model_validator(mode="after")
     def _known_formats(self) -> Self:

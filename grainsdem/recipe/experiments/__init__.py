@@ -1,6 +1,6 @@
 """Experiments in a recipe: their tables, and how they are run on what was grown or settled."""
 
-from grainsdem.recipe.experiments.performing import perform, perform_all
+from grainsdem.recipe.experiments.performing import perform, perform_all, write_replays
 from grainsdem.recipe.experiments.tables import (
     CollapseTable,
     CompactTable,
@@ -21,4 +21,5 @@ __all__ = [
     "TriaxialTable",
     "perform",
     "perform_all",
+    "write_replays",
 ]

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import exporters
 from grainsdem import dynamics, storage
 from grainsdem.errors import UnstableError
 from grainsdem.figures.curves import experiment_figure
+from grainsdem.figures.motion import animate
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
     from grainsdem.dynamics import Ensemble, Outcome
@@ -56,6 +58,7 @@ def perform_all(
     *,
     rng: int,
     with_figures: bool,
+    replays: Sequence[str] = (),
 ) -> tuple[list[Path], dict[str, dict[str, Any]]]:
     """Run the experiments of a recipe, each on the same grains, and write them.
 
@@ -74,6 +77,8 @@ def perform_all(
         Seed; an ensemble has it and those that follow.
     with_figures : bool
         Whether curves are drawn.
+    replays : sequence of str
+        What motions are written as; see `write_replays`.
 
     Returns
     -------
@@ -99,7 +104,38 @@ def perform_all(
         summaries[name] = outcome.report.to_dict()
         if with_figures:
             files.append(experiment_figure(outcome.history, folder / f"{name}.png", profile=outcome.profile))
+        files += write_replays(outcome.packing, path, folder / f"{name}_replay", replays, monitor)
     return files, summaries
+
+
+def write_replays(packing: Packing, history: Path, stem: Path, suffixes: Sequence[str], monitor: Monitor) -> list[Path]:
+    """Write the motion that a history holds, and return the files.
+
+    Parameters
+    ----------
+    packing : Packing
+        The grains that were moved, as they were at the end.
+    history : pathlib.Path
+        The run's history.
+    stem : pathlib.Path
+        Where files go, without their suffix.
+    suffixes : sequence of str
+        ``gif`` or ``webp``: an animation. ``usdc`` or ``usda``: a stage, and a layer over it with time samples.
+        ``pvd``: a time series for ParaView.
+    monitor : Monitor
+        Who is told of the progress.
+    """
+    files: list[Path] = []
+    for suffix in suffixes:
+        path = stem.with_name(f"{stem.name}.{suffix}")
+        motion = storage.load_motion(history)
+        times, positions, turns = (motion[key] for key in ("times", "positions", "quaternions"))
+        with monitor.stage(f"Replay {suffix}"):
+            if f".{suffix}" in exporters.replays.SUFFIXES:
+                files += exporters.replay(packing, path, times=times, positions=positions, quaternions=turns)
+            else:
+                files.append(animate(packing, path, times=times, positions=positions, quaternions=turns))
+    return files
 
 
 def _repeat(
