@@ -10,11 +10,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import cube_packing
+from hypothesis import given
+from hypothesis import strategies as st
 
 import exporters
 from exporters import usd
 from exporters.units import units
 from exporters.usd import UsdOptions
+from exporters.usd.codes import packed_ints
 from exporters.usd.replay import write_replay
 from grainsdem.errors import FileFormatError, InputError, MissingFileError, ShapeError, WriteError
 from grainsdem.geometry.integrals import face_planes, integrate
@@ -22,6 +26,9 @@ from grainsdem.geometry.rotations import random_quaternions, to_matrices, world_
 from grainsdem.model import Domain, Packing, Polyhedra
 from grainsdem.packing import rescale
 from grainsdem.validation import compare
+
+REDS = [0.267, 0.279, 0.230, 0.173, 0.128, 0.158, 0.369, 0.678, 0.993]
+"""Red of viridis at nine even places."""
 
 DIAMETERS = [0.2e-3, 1e-3, 0.1]
 
@@ -251,6 +258,55 @@ def test_where_one_stretch_of_grains_ends_makes_no_difference_to_what_is_read(ti
     texts = [Sdf.Layer.FindOrOpen(str(path)).ExportToString() for path in (whole, parts)]
     assert texts[0] == texts[1]
     assert texts[0].count("def Xform") == len(tilted) + 3
+
+
+@pytest.mark.client
+def test_tables_of_many_thousand_grains_are_read_to_the_last(tmp_path):
+    # So many that differences in the tables take one, two and four bytes.
+    n = 8000
+    places = 3.0 * np.stack(np.unravel_index(np.arange(n), (20, 20, 20)), axis=1) + 2.0
+    many = cube_packing(places, domain=Domain.cube(70.0))
+    exporters.write(many, tmp_path / "bed.usdc", colour="id")
+    stage = opened(tmp_path / "bed.usdc")
+    prims = grain_prims(stage)
+    assert [prim.GetName() for prim in prims] == [f"g{i:06d}" for i in range(n)]
+    for i in (0, 1, 4095, 4096, 5958, 7999):
+        assert tuple(prims[i].GetAttribute("xformOp:translate").Get()) == tuple(places[i])
+        shape = prims[i].GetChild("shape")
+        assert np.array_equal(shape.GetAttribute("points").Get(), many.grains.vertices_of(i))
+        assert len(shape.GetAttribute("normals").Get()) == 24
+        red = shape.GetAttribute("primvars:displayColor").Get()[0][0]
+        assert red == pytest.approx(np.interp(i / (n - 1) * 8, range(9), REDS), abs=1e-6)
+
+
+@pytest.mark.property
+@given(st.lists(st.integers(-(2**31), 2**31 - 1) | st.integers(-300, 300), min_size=1, max_size=50))
+def test_packed_numbers_are_unpacked_by_the_rules_of_the_format(numbers):
+    data = packed_ints(numbers)
+    assert int.from_bytes(data[:8], "little") == len(data) - 8
+    body = unpacked(data[8:])
+    common, codes, rest = int.from_bytes(body[:4], "little", signed=True), body[4 : 4 + -(-len(numbers) // 4)], []
+    place, value = 4 + len(codes), 0
+    for i in range(len(numbers)):
+        size = [0, 1, 2, 4][codes[i // 4] >> 2 * (i % 4) & 3]
+        step = int.from_bytes(body[place : place + size], "little", signed=True) if size else common
+        place += size
+        value = (value + step + 2**31) % 2**32 - 2**31
+        rest.append(value)
+    assert rest == numbers
+    assert place == len(body)
+
+
+def unpacked(data):
+    """Return what a block of LZ4 without matches holds, behind the byte that says that it is one block."""
+    assert data[0] == 0
+    n, place = data[1] >> 4, 2
+    if n == 15:
+        while data[place] == 255:
+            n, place = n + 255, place + 1
+        n, place = n + data[place], place + 1
+    assert len(data) == place + n
+    return data[place:]
 
 
 @pytest.mark.client
