@@ -35,7 +35,7 @@ SAMPLE_TIME = 0.2
 SAMPLES_PER_CHUNK = 16
 """Samples between checkpoints: a run that is killed loses at most so many."""
 
-SAMPLES_PER_FRAME = 5
+SAMPLES_PER_FRAME = 2
 """Samples between frames of the history: pictures are to move smoothly, and files to stay small."""
 
 HALVINGS = 3
