@@ -28,6 +28,12 @@ _SETTLING_TIME = 25.0
 """Time [√(d/g)] that a bed needs to come to rest once all grains have landed."""
 
 
+_ADVICE = (
+    "take fewer grains, a smaller box or a larger time step, or let a parallel program have the bed: exporters write "
+    "it for exaDEM and others (grainsdem export --help)"
+)
+
+
 @dataclass(frozen=True, slots=True)
 class Budget:
     """What a run will take, to a factor of two or so.
@@ -81,6 +87,13 @@ def estimate(n_grains: int, *, duration: float, time_step: float = 0.01) -> Budg
     )
 
 
+def refuse_memory(budget: Budget, *, memory: float | None = None) -> None:
+    """Raise `InputError` where a run takes more memory [bytes] than there is, or than the system says is free."""
+    free = _free_memory() if memory is None else memory
+    if free is not None and budget.memory > free:
+        raise InputError(f"this does not fit: {budget}, and {free / 1e9:.2g} GB are free; {_ADVICE}")
+
+
 def settling_duration(height: float) -> float:
     """Return how long [√(d/g)] grains that fall from up to a height [d] take to come to rest."""
     return _SETTLING_TIME + float(np.sqrt(2 * max(height, 0.0)))
@@ -100,16 +113,10 @@ def allow(budget: Budget, *, max_hours: float, memory: float | None = None) -> N
     """
     if not max_hours > 0:
         raise InputError(f"max_hours must be positive; got {max_hours}")
-    free = _free_memory() if memory is None else memory
-    advice = (
-        "take fewer grains, a smaller box or a larger time step, or let a parallel program have the bed: "
-        "exporters write it for exaDEM and others (grainsdem export --help)"
-    )
-    if free is not None and budget.memory > free:
-        raise InputError(f"this does not fit: {budget}, and {free / 1e9:.2g} GB are free; {advice}")
+    refuse_memory(budget, memory=memory)
     if budget.compile_time + budget.run_time > 3600 * max_hours:
         raise InputError(
-            f"this takes too long: {budget}, and max_hours is {max_hours:g}; {advice}, or allow more hours"
+            f"this takes too long: {budget}, and max_hours is {max_hours:g}; {_ADVICE}, or allow more hours"
         )
     _LOG.info("%s", budget)
 

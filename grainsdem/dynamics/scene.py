@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from exporters import mjcf
+from grainsdem.dynamics.budget import estimate, refuse_memory
 from grainsdem.dynamics.engine import Apparatus, load
 from grainsdem.dynamics.engine.lockstep import joined
 from grainsdem.dynamics.starting import sphere_radii
@@ -138,6 +139,7 @@ def equip(packing: Packing, options: MjcfOptions, *, are_spheres: bool = False) 
 
 def scene_of(packing: Packing, text: str, gravity: float, *, are_spheres: bool = False) -> Scene:
     """Return the scene of a text made from a packing, in which ``gravity`` [m/s²] is one."""
+    refuse_memory(estimate(len(packing), duration=0.0))
     fingerprint = hashlib.sha256(text.encode()).hexdigest()
     return Scene(packing, mjcf.units(packing, gravity), joined(load(text)), fingerprint, are_spheres)
 
