@@ -9,8 +9,8 @@ import numpy as np
 
 from exporters.mjcf import MjcfOptions, units
 from grainsdem.dynamics.experiments.cells import SixWalls
+from grainsdem.dynamics.experiments.cells.meter import LIMIT_SPEED
 from grainsdem.dynamics.experiments.rig import (
-    LIMIT_SPEED,
     JsonReport,
     Outcome,
     Trial,

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 
 from exporters.mjcf import MjcfOptions, units
-from grainsdem.dynamics.experiments.rig import JsonReport, Meter, Outcome, Trial, check_frictions, check_ranges
+from grainsdem.dynamics.experiments.cells.meter import Meter
+from grainsdem.dynamics.experiments.rig import JsonReport, Outcome, Trial, check_frictions, check_ranges
 from grainsdem.dynamics.loop import Record
 from grainsdem.dynamics.mechanics import coordination, sample, snapshot
 from grainsdem.dynamics.scene import equip, refuse_overlap, scene_of

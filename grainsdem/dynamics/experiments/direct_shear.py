@@ -16,6 +16,7 @@ from grainsdem.dynamics.experiments.rig import (
     assemble,
     check_frictions,
     check_ranges,
+    columns_of,
     highest,
     pressure_gravity,
     smooth,
@@ -223,21 +224,7 @@ class _DirectShear(Staged):
     """Compression to rest, then shear."""
 
     experiment = "direct_shear"
-    columns: ClassVar[Mapping[str, str]] = {
-        "time": "s",
-        "stage": "0 compression, 1 shear",
-        "displacement": "1",
-        "volumetric_strain": "1",
-        "normal_stress": "Pa",
-        "shear_stress": "Pa",
-        "normal_stress_contacts": "Pa",
-        "shear_stress_contacts": "Pa",
-        "friction": "1",
-        "solid_fraction": "1",
-        "coordination": "1",
-        "sliding_fraction": "1",
-        "kinetic_energy": "P d3",
-    }
+    columns: ClassVar[Mapping[str, str]] = columns_of(DirectShearSample._fields)
 
     def __init__(
         self, scene: Scene, box: ShearBox, record: Record, tell: Tell | None, options: Mapping[str, Any]
@@ -315,12 +302,6 @@ class _DirectShear(Staged):
     def words(self, row: DirectShearSample) -> str:
         """Return a few words on a sample of the shear."""
         return f"displacement {row.displacement:.3f}, τ/σ {row.friction:.2f}, {row.volumetric_strain:+.3f}"
-
-    def in_si(self, row: DirectShearSample) -> DirectShearSample:
-        """Return a sample as it is stored."""
-        scales = self.scene.units
-        stresses = {name: value * scales.stress for name, value in row._asdict().items() if "_stress" in name}
-        return row._replace(time=row.time * scales.time, **stresses)
 
     def report(self) -> DirectShearReport:
         """Return what the shear measured."""

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from grainsdem.dynamics.experiments.rig import Meter, Trial
+from grainsdem.dynamics.experiments.cells.meter import Meter
+from grainsdem.dynamics.experiments.rig import Trial
 from grainsdem.dynamics.experiments.start import set_apart_in_block
 from grainsdem.dynamics.mechanics import contact_graph
 from grainsdem.errors import InputError

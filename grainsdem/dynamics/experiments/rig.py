@@ -20,17 +20,12 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from exporters.mjcf import MjcfOptions
-    from grainsdem.dynamics.engine import Apparatus, Engine
+    from grainsdem.dynamics.engine import Apparatus
+    from grainsdem.dynamics.experiments.cells.meter import Meter
     from grainsdem.dynamics.mechanics import Snapshot
     from grainsdem.model import Packing
 
     Tell = Callable[[float, str], None]
-
-HEAVY = 1e4
-"""Mass [m] or inertia [m d²] of a driven part: grains change its speed by dt F / 1e4, a thousandth of a usual one."""
-
-LIMIT_SPEED = 2.0
-"""Speed [d/t] that a wall reaches against nothing; grains that were set apart are gathered no faster."""
 
 RUNAWAY = 100.0
 """Mean kinetic energy of a grain [P d³] that no loading at these rates gives: the run has gone wrong."""
@@ -127,58 +122,6 @@ def _is_number(value: object) -> bool:
     return isinstance(value, int | float | np.integer | np.floating) and bool(np.isfinite(value))
 
 
-class Meter:
-    """Parts of an apparatus that are pushed or driven along joints, and the mean forces of the grains on them.
-
-    What the grains exert over a while follows from the momentum that a part has gained and from what it was pushed
-    with: exactly what the run had, whatever the solver left undone in a single step.
-
-    Parameters
-    ----------
-    engine : Engine
-        What moves them.
-    masses : mapping of str to float
-        Mass of the part on each joint, or its inertia about it.
-    """
-
-    def __init__(self, engine: Engine, masses: Mapping[str, float]) -> None:
-        self._engine = engine
-        self._masses = dict(masses)
-        self._impulses = dict.fromkeys(masses, 0.0)
-        self._since: tuple[float, dict[str, float]] | None = None
-        self.last = dict.fromkeys(masses, 0.0)
-
-    def push(self, joint: str, force: float) -> None:
-        """Let a force act along a joint during the next step."""
-        if self._since is None:
-            self._since = self._engine.time, {name: self._engine.axle(name)[1] for name in self._masses}
-        self._engine.push(joint, force)
-        self._impulses[joint] += force * self._engine.time_step
-
-    def drive(self, joint: str, speed: float) -> None:
-        """Push a part so that it has a speed after the next step, where grains resist as at the last reading."""
-        change = (speed - self._engine.axle(joint)[1]) / self._engine.time_step
-        self.push(joint, self._masses[joint] * change - self.last[joint])
-
-    def read(self) -> dict[str, float]:
-        """Return the grains' mean force along each joint since the last reading, and begin anew."""
-        if self._since is None:
-            return self.last
-        start, speeds = self._since
-        elapsed = self._engine.time - start
-        self.last = {
-            name: (mass * (self._engine.axle(name)[1] - speeds[name]) - self._impulses[name]) / elapsed
-            for name, mass in self._masses.items()
-        }
-        self.forget(self.last)
-        return self.last
-
-    def forget(self, last: Mapping[str, float]) -> None:
-        """Begin anew, as after a reading of some forces."""
-        self._since, self.last = None, dict(last)
-        self._impulses = dict.fromkeys(self._masses, 0.0)
-
-
 class Trial(Loop):
     """A run under an apparatus: broken states, runaway energies and grains that got out are trouble.
 
@@ -259,6 +202,12 @@ class Staged(Trial):
     def mark(self) -> dict[str, Any]:
         """Return what to remember of the present state when shear begins, as JSON values."""
         raise NotImplementedError
+
+    def in_si(self, row: Any) -> Any:
+        """Return a sample as it is stored."""
+        scales = self.scene.units
+        stresses = {name: value * scales.stress for name, value in row._asdict().items() if "_stress" in name}
+        return row._replace(time=row.time * scales.time, **stresses)
 
     def inner(self, now: Snapshot) -> tuple[float, ...]:
         """Return the stresses [P] that the contacts bear at one instant."""
@@ -351,6 +300,12 @@ class Staged(Trial):
         self.scene.engine.set_drag(DRAG if self.gathered is not None and self.begun is None else 0.0)
 
 
+def columns_of(names: tuple[str, ...]) -> dict[str, str]:
+    """Return the units in which the columns of a loading test are stored."""
+    units = {"time": "s", "stage": "0 compression, 1 shear", "kinetic_energy": "P d3"}
+    return {name: units.get(name, "Pa" if "_stress" in name else "1") for name in names}
+
+
 def assemble(
     packing: Packing, options: MjcfOptions, furnish: Callable[[Apparatus], None], *, spheres: bool = False
 ) -> Scene:
@@ -389,3 +344,13 @@ def highest(values: NDArray[np.float64], strains: NDArray[np.float64], width: fl
     """Return how many samples a width of strain spans, and where their running mean is highest."""
     span = max(1, min(len(values), round(width / float(strains[-1]) * len(values))))
     return span, int(np.argmax(smooth(values, span)))
+
+
+def crossing(heights: NDArray[np.float64], values: NDArray[np.float64], level: float) -> float:
+    """Return the height above which a profile stays over a level, between the layers; NaN where it never does."""
+    below = np.flatnonzero(values < level)
+    if not below.size or below[-1] == len(values) - 1:
+        return float("nan")
+    k = below[-1]
+    share = (level - values[k]) / (values[k + 1] - values[k])
+    return float(heights[k] + share * (heights[k + 1] - heights[k]))

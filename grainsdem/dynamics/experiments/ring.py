@@ -16,6 +16,8 @@ from grainsdem.dynamics.experiments.rig import (
     assemble,
     check_frictions,
     check_ranges,
+    columns_of,
+    crossing,
     highest,
     pressure_gravity,
     smooth,
@@ -247,21 +249,7 @@ class _Ring(Staged):
     """Compression to rest, then shear."""
 
     experiment = "ring_shear"
-    columns: ClassVar[Mapping[str, str]] = {
-        "time": "s",
-        "stage": "0 compression, 1 shear",
-        "shear_strain": "1",
-        "volumetric_strain": "1",
-        "normal_stress": "Pa",
-        "shear_stress": "Pa",
-        "normal_stress_contacts": "Pa",
-        "shear_stress_contacts": "Pa",
-        "friction": "1",
-        "solid_fraction": "1",
-        "coordination": "1",
-        "sliding_fraction": "1",
-        "kinetic_energy": "P d3",
-    }
+    columns: ClassVar[Mapping[str, str]] = columns_of(RingSample._fields)
 
     def __init__(
         self, scene: Scene, annulus: Annulus, record: Record, tell: Tell | None, options: Mapping[str, Any]
@@ -364,12 +352,6 @@ class _Ring(Staged):
         super().recall(memory)
         self._speeds, self._counts = np.array(memory["speeds"]), np.array(memory["counts"])
 
-    def in_si(self, row: RingSample) -> RingSample:
-        """Return a sample as it is stored."""
-        scales = self.scene.units
-        stresses = {name: value * scales.stress for name, value in row._asdict().items() if "_stress" in name}
-        return row._replace(time=row.time * scales.time, **stresses)
-
     def profile(self) -> dict[str, Floats]:
         """Return the profile of the velocity around the axis; layers that no grain was in are left out."""
         seen = self._counts > 0
@@ -404,7 +386,7 @@ class _Ring(Staged):
             peak_strain=float(smooth(strains, span)[peak]),
             dilation=float(dilation[last].mean()),
             normal_stress=float(normal.mean() * self.scene.units.stress),
-            half_height=_crossing(profile["height"], profile["velocity"], 0.5),
+            half_height=crossing(profile["height"], profile["velocity"], 0.5),
             initial_solid_fraction=rows[0].solid_fraction,
             final_solid_fraction=float(fractions[last].mean()),
             inertial_number=self.rate,
@@ -413,13 +395,3 @@ class _Ring(Staged):
             n_steps=self.n_steps,
             halvings=self.halvings,
         )
-
-
-def _crossing(heights: Floats, values: Floats, level: float) -> float:
-    """Return the height above which a profile stays over a level, between the layers; NaN where it never does."""
-    below = np.flatnonzero(values < level)
-    if not below.size or below[-1] == len(values) - 1:
-        return float("nan")
-    k = below[-1]
-    share = (level - values[k]) / (values[k + 1] - values[k])
-    return float(heights[k] + share * (heights[k + 1] - heights[k]))

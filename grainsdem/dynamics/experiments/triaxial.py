@@ -9,14 +9,15 @@ import numpy as np
 
 from exporters.mjcf import MjcfOptions, units
 from grainsdem.dynamics.experiments.cells import SixWalls
+from grainsdem.dynamics.experiments.cells.meter import LIMIT_SPEED
 from grainsdem.dynamics.experiments.rig import (
-    LIMIT_SPEED,
     JsonReport,
     Outcome,
     Staged,
     assemble,
     check_frictions,
     check_ranges,
+    columns_of,
     highest,
     pressure_gravity,
     smooth,
@@ -244,20 +245,7 @@ class _Triaxial(Staged):
     """Compression to rest, then shear."""
 
     experiment = "triaxial"
-    columns: ClassVar[Mapping[str, str]] = {
-        "time": "s",
-        "stage": "0 compression, 1 shear",
-        "axial_strain": "1",
-        "volumetric_strain": "1",
-        "axial_stress": "Pa",
-        "lateral_stress": "Pa",
-        "axial_stress_contacts": "Pa",
-        "lateral_stress_contacts": "Pa",
-        "solid_fraction": "1",
-        "coordination": "1",
-        "sliding_fraction": "1",
-        "kinetic_energy": "P d3",
-    }
+    columns: ClassVar[Mapping[str, str]] = columns_of(TriaxialSample._fields)
 
     def __init__(
         self, scene: Scene, cell: SixWalls, record: Record, tell: Tell | None, options: Mapping[str, Any]
@@ -329,12 +317,6 @@ class _Triaxial(Staged):
         """Return a few words on a sample of the shear."""
         angle = np.degrees(friction_angle([row.axial_stress, row.lateral_stress]))
         return f"strain {row.axial_strain:.3f}, {angle:.1f}°, {row.volumetric_strain:+.3f}"
-
-    def in_si(self, row: TriaxialSample) -> TriaxialSample:
-        """Return a sample as it is stored."""
-        scales = self.scene.units
-        stresses = {name: value * scales.stress for name, value in row._asdict().items() if "_stress" in name}
-        return row._replace(time=row.time * scales.time, **stresses)
 
     def packing(self) -> Packing:
         """Return the grains where they are, in a domain between the walls."""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from grainsdem.dynamics.experiments.rig import HEAVY, LIMIT_SPEED, Meter
+from grainsdem.dynamics.experiments.cells.meter import HEAVY, LIMIT_SPEED, Meter
 from grainsdem.dynamics.experiments.start import n_places, pitch, set_apart
 from grainsdem.errors import InputError
 from grainsdem.geometry.integrals import volumes

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from grainsdem.dynamics.experiments.rig import HEAVY, LIMIT_SPEED, Meter
+from grainsdem.dynamics.experiments.cells.meter import HEAVY, LIMIT_SPEED, Meter
 from grainsdem.dynamics.experiments.start import set_apart_in_block
 from grainsdem.geometry.integrals import volumes
 from grainsdem.geometry.rotations import world_vertices

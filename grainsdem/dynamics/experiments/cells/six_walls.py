@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from grainsdem.dynamics.experiments.rig import Meter
+from grainsdem.dynamics.experiments.cells.meter import Meter
 from grainsdem.geometry.rotations import world_vertices
 
 if TYPE_CHECKING:
