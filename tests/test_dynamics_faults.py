@@ -191,10 +191,15 @@ def speed_up(data):
     data.qvel.reshape(-1, 6)[2, 2] = 9.0
 
 
+def put_back(data):
+    data.time = 0.0
+
+
 @pytest.mark.client
 @pytest.mark.parametrize(
     ("harm", "words"),
     [
+        (put_back, r"the clock went from 1 to 0"),
         (throw_out, r"1 grains left the container: 3"),
         (turn_to_nan, r"not finite, grains 5"),
         (speed_up, r"energy rose .*, grain 2 the fastest"),

@@ -198,6 +198,8 @@ class Loop:
             try:
                 n_steps = self._advance()
                 now = self.measure()
+                if not now.time > self.samples[-1].time:  # an engine that begins anew puts its clock back
+                    raise TroubleError(f"the clock went from {self.samples[-1].time:.6g} to {now.time:.6g}")  # noqa: TRY301  (one way back for all)
                 self.check(now)
             except (TroubleError, EngineError) as trouble:
                 self._go_back(good, memory, trouble)
