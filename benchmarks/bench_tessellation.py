@@ -54,9 +54,9 @@ def full_cells(seeds, domain):
 
 
 def light_pass(seeds, domain):
-    from grainsdem.tessellation.frame import Frame
-    from grainsdem.tessellation.light import moments
-    from grainsdem.tessellation.tree import build
+    from grainsdem.tessellation.engine.frame import Frame
+    from grainsdem.tessellation.engine.light import moments
+    from grainsdem.tessellation.engine.tree import build
 
     frame = Frame.of(domain)
     moments(build(frame.inward(seeds), np.zeros(len(seeds))), frame)

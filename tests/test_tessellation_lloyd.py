@@ -9,9 +9,9 @@ from grainsdem.model import Domain
 from grainsdem.points import poisson
 from grainsdem.ragged import owners
 from grainsdem.tessellation import relax, relaxation, tessellate
-from grainsdem.tessellation.frame import Frame
-from grainsdem.tessellation.light import moments
-from grainsdem.tessellation.tree import build
+from grainsdem.tessellation.engine.frame import Frame
+from grainsdem.tessellation.engine.light import moments
+from grainsdem.tessellation.engine.tree import build
 
 
 @pytest.mark.unit

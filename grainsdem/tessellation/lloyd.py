@@ -17,9 +17,9 @@ import numpy as np
 from grainsdem.errors import InputError
 from grainsdem.points.check import check_seeds
 from grainsdem.tessellation.density import sampler, weighted_centroids
-from grainsdem.tessellation.frame import Frame
-from grainsdem.tessellation.light import moments
-from grainsdem.tessellation.tree import build
+from grainsdem.tessellation.engine.frame import Frame
+from grainsdem.tessellation.engine.light import moments
+from grainsdem.tessellation.engine.tree import build
 from grainsdem.tessellation.voronoi import tessellate
 
 if TYPE_CHECKING:

@@ -24,10 +24,10 @@ from grainsdem.model import Domain, Polyhedra, Tessellation
 from grainsdem.points.check import check_seeds
 from grainsdem.points.poisson import poisson
 from grainsdem.ragged import owners
-from grainsdem.tessellation.frame import Frame
-from grainsdem.tessellation.full import full_cells
+from grainsdem.tessellation.engine.frame import Frame
+from grainsdem.tessellation.engine.full import full_cells
+from grainsdem.tessellation.engine.tree import Tree, build, reweighted
 from grainsdem.tessellation.lloyd import inside
-from grainsdem.tessellation.tree import Tree, build, reweighted
 
 if TYPE_CHECKING:
     from collections.abc import Callable

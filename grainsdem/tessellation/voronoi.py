@@ -18,9 +18,9 @@ from grainsdem.geometry.integrals import volumes
 from grainsdem.model import Polyhedra, Tessellation
 from grainsdem.points.check import check_seeds
 from grainsdem.ragged import owners
-from grainsdem.tessellation.frame import Frame
-from grainsdem.tessellation.full import compilations, full_cells
-from grainsdem.tessellation.tree import build
+from grainsdem.tessellation.engine.frame import Frame
+from grainsdem.tessellation.engine.full import compilations, full_cells
+from grainsdem.tessellation.engine.tree import build
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray

@@ -11,14 +11,14 @@ from grainsdem.errors import GrainsDEMError, name_offenders
 from grainsdem.geometry.cells.cutting import CUT, EMPTY, FULL, HOME, LOST
 from grainsdem.geometry.cells.emitting import BROKEN, emit
 from grainsdem.ragged import offsets_from_counts
-from grainsdem.tessellation.growing import gather, grow, leaf_of
-from grainsdem.tessellation.light import CHUNK, SIZE, list_arrays, work_arrays
+from grainsdem.tessellation.engine.growing import gather, grow, leaf_of
+from grainsdem.tessellation.engine.light import CHUNK, SIZE, list_arrays, work_arrays
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from grainsdem.tessellation.frame import Frame
-    from grainsdem.tessellation.tree import Tree
+    from grainsdem.tessellation.engine.frame import Frame
+    from grainsdem.tessellation.engine.tree import Tree
 
 WIDEST = 1e-6
 """Largest length, relative to the domain, that repairs may take for rounding."""

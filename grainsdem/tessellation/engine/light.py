@@ -8,13 +8,13 @@ import numpy as np
 from numba import njit, prange
 
 from grainsdem.geometry.cells.cutting import CUT, FULL
-from grainsdem.tessellation.growing import gather, grow, leaf_of
+from grainsdem.tessellation.engine.growing import gather, grow, leaf_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from grainsdem.tessellation.frame import Frame
-    from grainsdem.tessellation.tree import Tree
+    from grainsdem.tessellation.engine.frame import Frame
+    from grainsdem.tessellation.engine.tree import Tree
 
 SIZE = 128
 """Triangles and planes that fit the first work arrays; a Poisson cell needs some 40."""
