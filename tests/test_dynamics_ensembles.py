@@ -63,6 +63,29 @@ def test_a_run_that_fails_ends_the_ensemble_with_its_error():
         ensemble(collapse, grow(12), seeds=2, release=["roof"])
 
 
+HEARD = []
+"""Seeds of the runs that have told of their progress."""
+
+
+def fail_later(packing, *, rng):
+    """Shear a bed for long, but for seed 1, which fails at its first sample."""
+
+    def hear(_fraction, _words):
+        if rng == 1:
+            raise InputError("enough")
+        HEARD.append(rng)
+
+    return triaxial(packing, rng=rng, strain=0.5, inertial_number=1e-3, progress=hear)
+
+
+@pytest.mark.client
+def test_runs_end_with_the_first_one_that_fails():
+    HEARD.clear()
+    with pytest.raises(InputError, match="enough"):
+        ensemble(fail_later, grow(12), seeds=[0, 1])
+    assert len(HEARD) <= 2
+
+
 @pytest.mark.unit
 def test_intervals_hold_the_mean_as_often_as_they_say():
     draws = np.random.default_rng(1).normal(3.0, 2.0, (4000, 5))

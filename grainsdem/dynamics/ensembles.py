@@ -234,6 +234,7 @@ def _together(
                 outcomes[number] = _do(jobs[number])
             except BaseException as error:  # noqa: BLE001  (raised again by the thread that waits)
                 failures.append(error)
+                lockstep.abandon()
             if progress is not None and not failures:
                 progress(sum(outcome is not None for outcome in outcomes), len(jobs))
 
@@ -241,8 +242,14 @@ def _together(
         threads = [threading.Thread(target=work, args=(number,), daemon=True) for number in range(len(jobs))]
         for thread in threads:
             thread.start()
-        for thread in threads:
-            thread.join()
+        try:
+            for thread in threads:
+                thread.join()
+        except KeyboardInterrupt:
+            lockstep.abandon()
+            for thread in threads:
+                thread.join()
+            raise
     if failures:
         raise failures[0]
     return tuple(outcomes)

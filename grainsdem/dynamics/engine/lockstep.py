@@ -30,6 +30,10 @@ class UnlikeError(GrainsDEMError):
     """The models of several runs are too different to be stepped together."""
 
 
+class AbandonedError(BaseException):
+    """The other runs are not needed any more; no run is to answer this with a smaller time step."""
+
+
 def joined(engine: MujocoEngine) -> MujocoEngine:
     """Return the engine, or what stepping it together with others takes where this thread runs in lockstep."""
     lockstep: Lockstep | None = getattr(_HERE, "lockstep", None)
@@ -56,6 +60,11 @@ class Lockstep:
         self._errors: dict[int, Exception] = {}
         self._batch: Any = None
         self.is_stale = False
+        self._is_abandoned = False
+
+    def abandon(self) -> None:
+        """Let every run end where it wants to step next."""
+        self._is_abandoned = True
 
     @contextmanager
     def running(self) -> Iterator[None]:
@@ -82,6 +91,8 @@ class Lockstep:
         self._go_where_all_wait()
         while member.number in self._wanted:
             self._turn.wait()
+        if self._is_abandoned:
+            raise AbandonedError
         error = self._errors.pop(member.number, None)
         if error is not None:
             raise error
