@@ -182,12 +182,14 @@ def test_an_interrupted_compaction_goes_on_to_the_same_bits(few, tmp_path, funct
 def test_the_command_line_compacts_and_taps(few, tmp_path):
     bed = save(few, tmp_path / "bed.h5")
     words = {"compact": ["--compaction-friction", "0"], "tap": ["--taps", "1", "--history", str(tmp_path / "h.h5")]}
+    words = {name: [*options, "--figure", str(tmp_path / f"{name}.png")] for name, options in words.items()}
     for command, options in words.items():
         out = tmp_path / f"{command}.h5"
         result = CliRunner().invoke(app, [command, str(bed), str(out), "--rng", "1", "--json", *options])
         assert result.exit_code == 0, result.output
         assert len(load(out)) == len(few)
         assert json.loads(result.stdout)["at_rest"]
+        assert (tmp_path / f"{command}.png").read_bytes().startswith(b"\x89PNG")
     assert load_history(tmp_path / "h.h5")["taps"].max() == 1.0
 
 

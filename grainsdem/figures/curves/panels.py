@@ -85,11 +85,12 @@ def experiment_figure(
     Parameters
     ----------
     history : mapping of str to array_like
-        Series of a triaxial, ring shear, direct shear, collapse or tilt experiment.
+        Series of a compaction, tapping, triaxial, ring shear, direct shear, collapse or tilt experiment.
     path : str or path-like
         Ends in ``.png``.
     profile : mapping of str to array_like, optional
-        ``height`` and ``velocity`` of a ring shear test, or ``distance`` and ``height`` of a heap.
+        ``height`` and ``velocity`` of a ring shear test, ``distance`` and ``height`` of a heap, or ``taps`` and
+        ``porosity``.
 
     Raises
     ------
@@ -100,7 +101,12 @@ def experiment_figure(
 
 
 def experiment_panels(history: Mapping[str, ArrayLike]) -> list[Panel]:
-    """Return the panels that show an experiment's history: its second stage, after compression or rest."""
+    """Return the panels that show an experiment's history: its second stage, after compression or rest.
+
+    Of compaction and of tapping it is the whole.
+    """
+    if "porosity" in history:
+        return _compaction_panels({name: np.asarray(values, dtype=np.float64) for name, values in history.items()})
     if "stage" not in history:
         raise InputError("the history has no stages: it is of no experiment that has curves")
     series = {name: np.asarray(values, dtype=np.float64) for name, values in history.items()}
@@ -122,6 +128,16 @@ def experiment_panels(history: Mapping[str, ArrayLike]) -> list[Panel]:
         gone = 100 * series["gone_fraction"]
         return [Panel("angle  [°]", "grains that have moved  [%]", {"": (np.degrees(series["angle"]), gone)})]
     raise InputError(f"the history is of no experiment that has curves; it has {', '.join(history)}")
+
+
+def _compaction_panels(series: Mapping[str, Floats]) -> list[Panel]:
+    panels = [Panel("time  [s]", "porosity", {"": (series["time"], series["porosity"])})]
+    if "pressure" in series:
+        names = {"walls": "pressure", "contacts": "pressure_contacts"}
+        panels.append(
+            Panel("time  [s]", "pressure  [Pa]", {who: (series["time"], series[name]) for who, name in names.items()})
+        )
+    return panels
 
 
 def _triaxial_panels(series: Mapping[str, Floats]) -> list[Panel]:
@@ -158,6 +174,8 @@ def _profile_panels(profile: Mapping[str, ArrayLike]) -> list[Panel]:
     if "velocity" in profile:
         curve = (profile["velocity"], profile["height"])
         return [Panel("speed around the axis / that of the lid", "height / that of the ring", {}, {"": curve})]
+    if "taps" in profile:
+        return [Panel("taps", "porosity at rest", {}, {"": (profile["taps"], profile["porosity"])})]
     if "distance" in profile:
         curve = (profile["distance"], profile["height"])
         return [Panel("distance  [m]", "height of the surface  [m]", {}, {"": curve})]
