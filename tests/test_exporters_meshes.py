@@ -150,7 +150,8 @@ def test_a_glb_file_is_laid_out_as_its_specification_says(fresh):
     assert n_binary == document["buffers"][0]["byteLength"] == len(content) - 28 - n_text
     starts = [view["byteOffset"] for view in document["bufferViews"]]
     assert all(start % 4 == 0 for start in starts)
-    nodes = document["nodes"][:-1]
+    root, *nodes = document["nodes"]
+    assert root["children"] == list(range(1, len(fresh) + 1))
     masses = fresh.densities * volumes(fresh.grains)
     assert [node["extras"]["mass"] for node in nodes] == masses.tolist()
     # Bounds are those of the numbers as they stand in the buffer.

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from exporters.check import check_name, measured
+from exporters.check import check_name, measured, stretches
 from exporters.container import GRAIN_COLOURS, shades
 from exporters.text import filled
 from grainsdem.errors import InputError
@@ -16,7 +17,7 @@ from grainsdem.geometry.triangles import best_apexes, triangles
 from grainsdem.ragged import offsets_from_counts
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from numpy.typing import NDArray
 
@@ -87,53 +88,62 @@ def files(
     most = int(np.diff(packing.grains.vertex_offsets).max())
     if most > np.iinfo(np.uint16).max:
         raise InputError(f"a grain of a GLB file has at most {np.iinfo(np.uint16).max} vertices; got one of {most}")
-    points = packing.grains.vertices.astype("<f4")
-    cut = triangles(packing.grains, apexes=best_apexes(packing.grains))
-    indices, starts, counts = _padded(cut.indices, cut.offsets)
-    text = _document(packing, integrals, points, (starts, counts), options)
-    text += b" " * (-len(text) % 4)
-    binary = points.nbytes + indices.nbytes
-    total = 12 + 8 + len(text) + 8 + binary
+    counts = _corner_counts(packing)
+    text = list(_document(packing, integrals, counts, options))
+    length = sum(map(len, text))
+    text.append(b" " * (-length % 4))
+    length += -length % 4
+    binary = _points_size(packing) + 2 * int((counts + counts % 2).sum())
+    total = 12 + 8 + length + 8 + binary
     if total >= MOST:
         raise InputError(f"a GLB file has less than {MOST} bytes; these {len(packing)} grains need {total}")
     head = b"glTF" + (2).to_bytes(4, "little") + total.to_bytes(4, "little")
-    head += len(text).to_bytes(4, "little") + b"JSON"
-    parts = (head, text, binary.to_bytes(4, "little"), b"BIN\0", points, indices)
-    return {f"{name}{suffix}": (part if isinstance(part, bytes) else part.tobytes() for part in parts)}
+    head += length.to_bytes(4, "little") + b"JSON"
+    parts = chain([head], text, [binary.to_bytes(4, "little"), b"BIN\0"], _points(packing), _indices(packing))
+    return {f"{name}{suffix}": parts}
 
 
-def _padded(
-    triangle_indices: NDArray[np.int32], offsets: NDArray[np.int64]
-) -> tuple[NDArray[np.uint16], NDArray[np.int64], NDArray[np.int64]]:
-    """Return the corners of all triangles, each grain's beginning at a multiple of four bytes; starts and counts."""
-    counts = 3 * np.diff(offsets)
-    starts = offsets_from_counts(counts + counts % 2)
-    indices = np.zeros(starts[-1], dtype="<u2")
-    places = np.arange(triangle_indices.size) + np.repeat(starts[:-1] - 3 * offsets[:-1], counts)
-    indices[places] = triangle_indices.ravel()
-    return indices, starts[:-1], counts
+def _corner_counts(packing: Packing) -> NDArray[np.int64]:
+    """Return how many corners the triangles of each grain have, shape (n,)."""
+    faces = packing.grains.face_offsets
+    counts: NDArray[np.int64] = 3 * (np.diff(packing.grains.face_vertex_offsets[faces]) - 2 * np.diff(faces))
+    return counts
+
+
+def _points_size(packing: Packing) -> int:
+    return 12 * len(packing.grains.vertices)
+
+
+def _points(packing: Packing) -> Iterator[bytes]:
+    """Yield the vertices of all grains about their centroids."""
+    return (part.grains.vertices.astype("<f4").tobytes() for _, part in stretches(packing))
+
+
+def _indices(packing: Packing) -> Iterator[bytes]:
+    """Yield the corners of all triangles, each grain's beginning at a multiple of four bytes."""
+    for _, part in stretches(packing):
+        cut = triangles(part.grains, apexes=best_apexes(part.grains))
+        counts = 3 * np.diff(cut.offsets)
+        starts = offsets_from_counts(counts + counts % 2)
+        indices = np.zeros(starts[-1], dtype="<u2")
+        places = np.arange(cut.indices.size) + np.repeat(starts[:-1] - 3 * cut.offsets[:-1], counts)
+        indices[places] = cut.indices.ravel()
+        yield indices.tobytes()
 
 
 def _document(
-    packing: Packing,
-    integrals: Integrals,
-    points: NDArray[np.float32],
-    triangle_corners: tuple[NDArray[np.int64], NDArray[np.int64]],
-    options: GlbOptions,
-) -> bytes:
-    """Return the JSON part: what each grain has as text made from patterns, the rest by the library."""
-    offsets = packing.grains.vertex_offsets
-    n = len(packing)
-    starts, counts = triangle_corners
-    numbers = np.arange(n)
-    vertex_counts = np.diff(offsets)
-    shade = shades(n) if options.colours else np.zeros(n, dtype=np.int64)
+    packing: Packing, integrals: Integrals, counts: NDArray[np.int64], options: GlbOptions
+) -> Iterator[bytes]:
+    """Yield the JSON part: what each grain has as text made from patterns, the rest by the library."""
+    grains, n = packing.grains, len(packing)
+    starts = _points_size(packing) + 2 * offsets_from_counts(counts + counts % 2)
     colours = list(GRAIN_COLOURS.items()) if options.colours else [("grain", (0.6, 0.6, 0.6))]
+    shade = shades(n) if options.colours else np.zeros(n, dtype=np.int64)
     turn = float(np.sqrt(0.5))
     rest = {
         "asset": {"version": "2.0", "generator": "grainsdem", "extras": {"unit": "metre"}},
         "scene": 0,
-        "scenes": [{"nodes": [n]}],
+        "scenes": [{"nodes": [0]}],
         "materials": [
             {
                 "name": word,
@@ -143,39 +153,49 @@ def _document(
             }
             for word, colour in colours
         ],
-        "buffers": [{"byteLength": points.nbytes + 2 * int(starts[-1] + counts[-1] + counts[-1] % 2)}],
+        "buffers": [{"byteLength": int(starts[-1])}],
     }  # fmt: skip
-    root = {"name": "grains", "rotation": [-turn, 0.0, 0.0, turn], "children": list(range(n))}
-    lists = {
-        "bufferViews": [_rows(_VIEWS, [12 * offsets[:-1], 12 * vertex_counts, points.nbytes + 2 * starts, 2 * counts])],
-        "accessors": [
-            _rows(
-                _ACCESSORS,
-                [
-                    2 * numbers, vertex_counts, *np.minimum.reduceat(points, offsets[:-1]).T,
-                    *np.maximum.reduceat(points, offsets[:-1]).T, 2 * numbers + 1, counts,
-                ],
-            )
-        ],
+    root = {"name": "grains", "rotation": [-turn, 0.0, 0.0, turn], "children": list(range(1, n + 1))}
+    masses = packing.densities * integrals.volumes
+
+    def views(i: NDArray[np.int64], _: Packing) -> list[NDArray[Any]]:
+        offsets = grains.vertex_offsets
+        return [12 * offsets[i], 12 * (offsets[i + 1] - offsets[i]), starts[i], 2 * counts[i]]
+
+    def accessors(i: NDArray[np.int64], part: Packing) -> list[NDArray[Any]]:
+        points, firsts = part.grains.vertices.astype("<f4"), part.grains.vertex_offsets
+        bounds = [*np.minimum.reduceat(points, firsts[:-1]).T, *np.maximum.reduceat(points, firsts[:-1]).T]
+        return [2 * i, np.diff(firsts), *bounds, 2 * i + 1, counts[i]]
+
+    def meshes(i: NDArray[np.int64], _: Packing) -> list[NDArray[Any]]:
         # No normals: a reader must then shade every triangle flat, as grains are.
-        "meshes": [_rows(_MESH, [numbers, 2 * numbers, 2 * numbers + 1, shade])],
-        "nodes": [
-            _rows(
-                _NODE,
-                [
-                    numbers, numbers, *packing.positions.T, *np.roll(packing.quaternions, -1, axis=1).T, numbers,
-                    packing.densities * integrals.volumes, packing.densities,
-                ],
-            ),
-            json.dumps(root, separators=(",", ":")),
-        ],
-    }  # fmt: skip
-    body = ",".join(f'"{key}":[{",".join(rows)}]' for key, rows in lists.items())
-    return f"{json.dumps(rest, separators=(',', ':'))[:-1]},{body}}}".encode()
+        return [i, 2 * i, 2 * i + 1, shade[i]]
+
+    def nodes(i: NDArray[np.int64], part: Packing) -> list[NDArray[Any]]:
+        turns = np.roll(part.quaternions, -1, axis=1)
+        return [i, i, *part.positions.T, *turns.T, i, masses[i], part.densities]
+
+    yield json.dumps(rest, separators=(",", ":"))[:-1].encode()
+    for key, pattern, columns in (
+        ("bufferViews", _VIEWS, views),
+        ("accessors", _ACCESSORS, accessors),
+        ("meshes", _MESH, meshes),
+    ):
+        yield f',"{key}":['.encode()
+        yield from _rows(packing, pattern, columns)
+        yield b"]"
+    yield b',"nodes":[' + json.dumps(root, separators=(",", ":")).encode() + b","
+    yield from _rows(packing, _NODE, nodes)
+    yield b"]}"
 
 
-def _rows(pattern: str, columns: list[NDArray[Any]]) -> str:
-    """Return the pattern filled once a grain, separated by commas."""
-    # In double precision whole numbers of the file's size are exact, and so are single ones.
-    values = np.column_stack([np.asarray(column, dtype=np.float64) for column in columns])
-    return ",".join(filled(pattern, values, np.ones(len(values), dtype=np.int64)))
+def _rows(
+    packing: Packing, pattern: str, columns: Callable[[NDArray[np.int64], Packing], list[NDArray[Any]]]
+) -> Iterator[bytes]:
+    """Yield the pattern filled once a grain, separated by commas, a stretch of grains at a time."""
+    for first, part in stretches(packing):
+        # In double precision whole numbers of the file's size are exact, and so are single ones.
+        numbers = np.arange(first, first + len(part))
+        values = np.column_stack([np.asarray(column, dtype=np.float64) for column in columns(numbers, part)])
+        rows = ",".join(filled(pattern, values, np.ones(len(values), dtype=np.int64)))
+        yield ("," * (first > 0) + rows).encode()

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from exporters.check import check_name, grain_names, measured
+from exporters.check import check_name, grain_names, measured, stretches
 from exporters.text import filled, table_of_text
 from grainsdem.geometry.rotations import world_vertices
 from grainsdem.geometry.triangles import best_apexes, triangles
@@ -16,9 +17,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from grainsdem.model import Packing
-
-# Grains made into text at once.
-_BLOCK = 4096
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,47 +73,41 @@ def _script(surfaces: str, n: int, groups: list[str]) -> str:
 def _content(packing: Packing, groups: list[str]) -> Iterator[bytes]:
     grains = packing.grains
     n = len(packing)
-    world = world_vertices(packing)
     yield b"$MeshFormat\n4.1 0 8\n$EndMeshFormat\n"
     names = "".join(f'2 {k + 1} "{word}"\n' for k, word in enumerate(groups))
     yield f"$PhysicalNames\n{len(groups)}\n{names}$EndPhysicalNames\n".encode()
-    boxes = table_of_text(
-        np.hstack([
-            np.minimum.reduceat(world, grains.vertex_offsets[:-1]),
-            np.maximum.reduceat(world, grains.vertex_offsets[:-1]),
-        ]),
-        digits=16,
-    )  # fmt: skip
-    tags = [1] * n if len(groups) == 1 else range(1, n + 1)
     yield f"$Entities\n0 0 {n} 0\n".encode()
-    yield "".join(f"{i + 1} {box} 1 {tag} 0\n" for i, (box, tag) in enumerate(zip(boxes, tags, strict=True))).encode()
-    yield b"$EndEntities\n"
-    counts = np.diff(grains.vertex_offsets)
-    yield f"$Nodes\n{n} {len(world)} 1 {len(world)}\n".encode()
-    for start in range(0, n, _BLOCK):
-        stop = min(start + _BLOCK, n)
-        first, last = grains.vertex_offsets[start], grains.vertex_offsets[stop]
-        numbers = filled("%d\n", np.arange(first + 1, last + 1), counts[start:stop])
-        places = filled("%.16g %.16g %.16g\n", world[first:last], counts[start:stop])
-        heads = zip(range(start, stop), counts[start:stop].tolist(), numbers, places, strict=True)
-        yield "".join(f"2 {i + 1} 0 {k}\n{tag}{place}" for i, k, tag, place in heads).encode()
+    for first, part in stretches(packing):
+        tags = range(first + 1, first + len(part) + 1)
+        groups_of = tags if len(groups) > 1 else [1] * len(part)
+        rows = zip(tags, _boxes(part), groups_of, strict=True)
+        yield "".join(f"{tag} {box} 1 {group} 0\n" for tag, box, group in rows).encode()
+    yield f"$EndEntities\n$Nodes\n{n} {len(grains.vertices)} 1 {len(grains.vertices)}\n".encode()
+    for first, part in stretches(packing):
+        counts = np.diff(part.grains.vertex_offsets)
+        start = int(grains.vertex_offsets[first])
+        tags_of = filled("%d\n", np.arange(start + 1, start + counts.sum() + 1), counts)
+        places = filled("%.16g %.16g %.16g\n", world_vertices(part), counts)
+        nodes = zip(itertools.count(first + 1), counts.tolist(), tags_of, places)
+        yield "".join(f"2 {tag} 0 {k}\n{numbers}{place}" for tag, k, numbers, place in nodes).encode()
     yield b"$EndNodes\n"
-    yield from _triangles(packing)
-
-
-def _triangles(packing: Packing) -> Iterator[bytes]:
-    """Yield the elements: triangles, outward."""
-    grains = packing.grains
-    cut = triangles(grains, apexes=best_apexes(grains))
-    counts = np.diff(cut.offsets)
-    total = len(cut.indices)
-    yield f"$Elements\n{len(packing)} {total} 1 {total}\n".encode()
-    for start in range(0, len(packing), _BLOCK):
-        stop = min(start + _BLOCK, len(packing))
-        first, last = cut.offsets[start], cut.offsets[stop]
-        shift = np.repeat(grains.vertex_offsets[start:stop], counts[start:stop])
-        rows = np.column_stack([np.arange(first + 1, last + 1), cut.indices[first:last] + shift[:, None] + 1])
-        body = filled("%d %d %d %d\n", rows, counts[start:stop])
-        heads = zip(range(start, stop), counts[start:stop].tolist(), body, strict=True)
-        yield "".join(f"2 {i + 1} 2 {k}\n{text}" for i, k, text in heads).encode()
+    total = int(np.maximum(np.diff(grains.face_vertex_offsets) - 2, 0).sum())
+    yield f"$Elements\n{n} {total} 1 {total}\n".encode()
+    done = 0
+    for first, part in stretches(packing):
+        cut = triangles(part.grains, apexes=best_apexes(part.grains))
+        counts = np.diff(cut.offsets)
+        shift = np.repeat(grains.vertex_offsets[first : first + len(part)], counts) + 1
+        elements = np.arange(done + 1, done + len(cut.indices) + 1)
+        done += len(cut.indices)
+        body = filled("%d %d %d %d\n", np.column_stack([elements, cut.indices + shift[:, None]]), counts)
+        surfaces = zip(itertools.count(first + 1), counts.tolist(), body)
+        yield "".join(f"2 {tag} 2 {k}\n{text}" for tag, k, text in surfaces).encode()
     yield b"$EndElements\n"
+
+
+def _boxes(packing: Packing) -> list[str]:
+    """Return the box of each grain: the coordinates of its lower and of its upper corner."""
+    world, starts = world_vertices(packing), packing.grains.vertex_offsets[:-1]
+    corners = [bound.reduceat(world, starts) for bound in (np.minimum, np.maximum)]
+    return table_of_text(np.hstack(corners), digits=16)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from exporters.check import check_name, measured
+from exporters.check import check_name, measured, stretches
 from grainsdem.errors import InputError
 from grainsdem.geometry.rotations import world_vertices
 from grainsdem.geometry.triangles import best_apexes, triangles
@@ -18,16 +18,13 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from grainsdem.model import Packing
+    from grainsdem.model import Packing, Polyhedra
 
 MOST_CORNERS = 255
 """Corners of a face that its one byte can count."""
 
 TRIANGLE = np.dtype([("count", "u1"), ("corners", "<i4", 3), ("grain", "<i4")])
 """One triangle of the file."""
-
-# Faces packed at once.
-_BLOCK = 1 << 18
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,63 +74,50 @@ def files(
 
 
 def _content(packing: Packing, options: PlyOptions) -> Iterator[bytes]:
+    grains = packing.grains
     real = "double" if options.double else "float"
-    n_faces, faces = _polygons(packing) if options.polygons else _triangles(packing)
+    n_triangles = int(np.maximum(np.diff(grains.face_vertex_offsets) - 2, 0).sum())
     header = [
         "ply",
         "format binary_little_endian 1.0",
         "comment metres",
-        f"element vertex {len(packing.grains.vertices)}",
+        f"element vertex {len(grains.vertices)}",
         *(f"property {real} {axis}" for axis in "xyz"),
-        f"element face {n_faces}",
+        f"element face {grains.n_faces if options.polygons else n_triangles}",
         "property list uchar int vertex_indices",
         "property int grain",
         "end_header",
     ]
     yield ("\n".join(header) + "\n").encode()
-    yield world_vertices(packing).astype("<f8" if options.double else "<f4").tobytes()
-    yield from faces
+    for _, part in stretches(packing):
+        yield world_vertices(part).astype("<f8" if options.double else "<f4").tobytes()
+    faces = _polygons if options.polygons else _triangles
+    for first, part in stretches(packing):
+        yield faces(part.grains, first, grains.vertex_offsets[first : first + len(part)]).tobytes()
 
 
-def _triangles(packing: Packing) -> tuple[int, Iterator[bytes]]:
-    """Return the number of triangles, and their bytes."""
-    cut = triangles(packing.grains, apexes=best_apexes(packing.grains))
+def _triangles(grains: Polyhedra, first: int, starts: NDArray[np.int64]) -> NDArray[Any]:
+    """Return the triangles of grains whose first has a number, and whose vertices start where it is said."""
+    cut = triangles(grains, apexes=best_apexes(grains))
     ids = owners(cut.offsets)
-
-    def blocks() -> Iterator[bytes]:
-        for start in range(0, len(ids), _BLOCK):
-            grain = ids[start : start + _BLOCK]
-            records = np.empty(len(grain), dtype=TRIANGLE)
-            records["count"] = 3
-            records["corners"] = cut.indices[start : start + _BLOCK] + packing.grains.vertex_offsets[grain][:, None]
-            records["grain"] = grain
-            yield records.tobytes()
-
-    return len(ids), blocks()
+    records = np.empty(len(ids), dtype=TRIANGLE)
+    records["count"] = 3
+    records["corners"] = cut.indices + starts[ids][:, None]
+    records["grain"] = first + ids
+    return records
 
 
-def _polygons(packing: Packing) -> tuple[int, Iterator[bytes]]:
-    """Return the number of polygons, and their bytes."""
-    ids = owners(packing.grains.face_offsets)
-    n = packing.grains.n_faces
-    starts = range(0, n, _BLOCK)
-    return n, (_packed(packing, ids, start, min(start + _BLOCK, n)) for start in starts)
-
-
-def _packed(packing: Packing, ids: NDArray[np.int64], start: int, stop: int) -> bytes:
-    """Return polygons as bytes: how many corners in one, the corners and the grain in four each."""
-    grains, rows = packing.grains, ids[start:stop]
-    offsets = grains.face_vertex_offsets[start : stop + 1]
-    counts = np.diff(offsets)
-    corners = grains.face_vertices[offsets[0] : offsets[-1]].astype(np.int64) + np.repeat(
-        grains.vertex_offsets[rows], counts
-    )
-    heads = 4 * (offsets[:-1] - offsets[0]) + 5 * np.arange(counts.size)
+def _polygons(grains: Polyhedra, first: int, starts: NDArray[np.int64]) -> NDArray[Any]:
+    """Return the faces of such grains as bytes: how many corners in one, the corners and the grain in four each."""
+    ids = owners(grains.face_offsets)
+    counts = np.diff(grains.face_vertex_offsets)
+    corners = grains.face_vertices.astype(np.int64) + np.repeat(starts[ids], counts)
+    heads = 4 * grains.face_vertex_offsets[:-1] + 5 * np.arange(counts.size)
     content = np.empty(4 * corners.size + 5 * counts.size, dtype=np.uint8)
     content[heads] = counts
-    _put(content, heads + 4 * counts + 1, rows)
+    _put(content, heads + 4 * counts + 1, first + ids)
     _put(content, 4 * np.arange(corners.size) + np.repeat(5 * np.arange(counts.size) + 1, counts), corners)
-    return content.tobytes()
+    return content
 
 
 def _put(content: NDArray[np.uint8], places: NDArray[np.int64], values: NDArray[np.int64]) -> None:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import io
+import itertools
 import zipfile
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from exporters.check import check_choice, check_name, grain_names, measured
+from exporters.check import check_choice, check_name, grain_names, measured, stretches
 from exporters.text import filled
 from grainsdem.geometry.rotations import world_vertices
 from grainsdem.geometry.triangles import best_apexes, triangles
@@ -36,9 +37,6 @@ _RELATIONS = """\
 <Relationship Target="/3D/3dmodel.model" Id="model" Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"/>
 </Relationships>
 """
-
-# Grains made into text at once.
-_BLOCK = 2048
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -113,21 +111,16 @@ def _model(packing: Packing, unit: str) -> Iterator[str]:
         f'<model unit="{unit}" xml:lang="en-US" xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02">\n'
         '<metadata name="Application">grainsdem</metadata>\n<resources>\n'
     )
-    grains = packing.grains
-    world = world_vertices(packing) / UNITS[unit]
-    cut = triangles(grains, apexes=best_apexes(grains))
     names = grain_names(packing)
-    vertex_counts, triangle_counts = np.diff(grains.vertex_offsets), np.diff(cut.offsets)
-    for start in range(0, len(packing), _BLOCK):
-        stop = min(start + _BLOCK, len(packing))
-        v = slice(grains.vertex_offsets[start], grains.vertex_offsets[stop])
-        t = slice(cut.offsets[start], cut.offsets[stop])
-        vertices = filled('<vertex x="%.9g" y="%.9g" z="%.9g"/>', world[v], vertex_counts[start:stop])
-        faces = filled('<triangle v1="%d" v2="%d" v3="%d"/>', cut.indices[t], triangle_counts[start:stop])
+    for first, part in stretches(packing):
+        cut = triangles(part.grains, apexes=best_apexes(part.grains))
+        world = world_vertices(part) / UNITS[unit]
+        vertices = filled('<vertex x="%.9g" y="%.9g" z="%.9g"/>', world, np.diff(part.grains.vertex_offsets))
+        faces = filled('<triangle v1="%d" v2="%d" v3="%d"/>', cut.indices, np.diff(cut.offsets))
         yield "".join(
             f'<object id="{i + 1}" name="{names[i]}" type="model"><mesh><vertices>{corners}</vertices>'
             f"<triangles>{body}</triangles></mesh></object>\n"
-            for i, corners, body in zip(range(start, stop), vertices, faces, strict=True)
+            for i, corners, body in zip(itertools.count(first), vertices, faces)
         )
     items = "".join(f'<item objectid="{i + 1}"/>' for i in range(len(packing)))
     yield f"</resources>\n<build>{items}</build>\n</model>\n"

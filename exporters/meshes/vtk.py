@@ -11,14 +11,14 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from exporters.check import check_choice, check_name, measured
+from exporters.check import check_choice, check_name, measured, stretches
 from grainsdem.errors import InputError, ShapeError
 from grainsdem.geometry.rotations import world_vertices
 from grainsdem.measures import table
 from grainsdem.ragged import owners
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from numpy.typing import ArrayLike, NDArray
 
@@ -65,25 +65,37 @@ LOSES = (
 
 
 class _Array(NamedTuple):
-    """One array of the file: its name, its values, and how often each row of them stands in the file."""
+    """One array of the file: name, type, numbers a row, number of rows, and what makes its blocks."""
 
     name: str
-    values: NDArray[Any]
-    repeats: NDArray[np.int64] | None = None
+    dtype: np.dtype[Any]
+    width: int
+    n_rows: int
+    blocks: Callable[[], Iterator[NDArray[Any]]]
 
     @property
     def size(self) -> int:
         """Bytes in the file."""
-        width = self.values.itemsize * int(np.prod(self.values.shape[1:]))
-        return width * (len(self.values) if self.repeats is None else int(self.repeats.sum()))
+        return self.dtype.itemsize * self.width * self.n_rows
 
-    def blocks(self) -> Iterator[bytes]:
-        """Yield the values as they stand in the file."""
-        for start in range(0, len(self.values), _BLOCK):
-            block = self.values[start : start + _BLOCK]
-            if self.repeats is not None:
-                block = np.repeat(block, self.repeats[start : start + _BLOCK], axis=0)
-            yield block.tobytes()
+
+def _whole(name: str, values: NDArray[Any], repeats: NDArray[np.int64] | None = None) -> _Array:
+    """Return an array that is there already, each value as often in the file as ``repeats`` says."""
+
+    def blocks() -> Iterator[NDArray[Any]]:
+        for start in range(0, len(values), _BLOCK):
+            block = values[start : start + _BLOCK]
+            yield block if repeats is None else np.repeat(block, repeats[start : start + _BLOCK])
+
+    return _Array(name, values.dtype, 1, len(values) if repeats is None else int(repeats.sum()), blocks)
+
+
+def _made(
+    packing: Packing, make: Callable[[int, Packing], NDArray[Any]], *, name: str, n_rows: int, width: int = 1
+) -> _Array:
+    """Return an array that is made of a stretch of grains at a time, whose first has a number."""
+    kind = np.dtype(np.int64 if width == 1 else np.float64)
+    return _Array(name, kind, width, n_rows, lambda: (make(first, part) for first, part in stretches(packing)))
 
 
 def files(
@@ -173,11 +185,15 @@ def series(
 def _polygons(packing: Packing, options: VtkOptions) -> Iterator[bytes]:
     """Return the file of one polygon a face."""
     grains = packing.grains
+
+    def corners(first: int, part: Packing) -> NDArray[np.int64]:
+        return _corners(part, int(grains.vertex_offsets[first]))
+
     pieces = {
-        "Points": [_Array("Points", world_vertices(packing))],
+        "Points": [_points(packing)],
         "Polys": [
-            _Array("connectivity", _global_corners(packing)),
-            _Array("offsets", grains.face_vertex_offsets[1:]),
+            _made(packing, corners, name="connectivity", n_rows=len(grains.face_vertices)),
+            _whole("offsets", grains.face_vertex_offsets[1:]),
         ],
         "CellData": _measures(packing, options, np.diff(grains.face_offsets)),
     }
@@ -188,58 +204,70 @@ def _polygons(packing: Packing, options: VtkOptions) -> Iterator[bytes]:
 def _polyhedra(packing: Packing, options: VtkOptions) -> Iterator[bytes]:
     """Return the file of one polyhedron a grain."""
     grains = packing.grains
-    faces, face_ends = _face_stream(packing)
+    n = len(grains)
+    face_ends = grains.face_vertex_offsets[grains.face_offsets[1:]] + grains.face_offsets[1:] + np.arange(1, n + 1)
+
+    def corners(first: int, part: Packing) -> NDArray[np.int64]:
+        start = int(grains.vertex_offsets[first])
+        return np.arange(start, start + len(part.grains.vertices), dtype=np.int64)
+
+    def faces(first: int, part: Packing) -> NDArray[np.int64]:
+        return _face_stream(part, int(grains.vertex_offsets[first]))
+
     pieces = {
-        "Points": [_Array("Points", world_vertices(packing))],
+        "Points": [_points(packing)],
         "Cells": [
-            _Array("connectivity", np.arange(len(grains.vertices))),
-            _Array("offsets", grains.vertex_offsets[1:]),
-            _Array("types", np.full(len(grains), POLYHEDRON, dtype=np.uint8)),
-            _Array("faces", faces),
-            _Array("faceoffsets", face_ends),
+            _made(packing, corners, name="connectivity", n_rows=len(grains.vertices)),
+            _whole("offsets", grains.vertex_offsets[1:]),
+            _whole("types", np.full(n, POLYHEDRON, dtype=np.uint8)),
+            _made(packing, faces, name="faces", n_rows=int(face_ends[-1])),
+            _whole("faceoffsets", face_ends),
         ],
         "CellData": _measures(packing, options, None),
     }
-    counts = f'NumberOfPoints="{len(grains.vertices)}" NumberOfCells="{len(grains)}"'
+    counts = f'NumberOfPoints="{len(grains.vertices)}" NumberOfCells="{n}"'
     return _file("UnstructuredGrid", counts, pieces)
 
 
-def _global_corners(packing: Packing) -> NDArray[np.int64]:
-    """Return the corners of all faces as indices into all vertices, shape (n_corners,)."""
+def _points(packing: Packing) -> _Array:
+    """Return the vertices in the world."""
+    n = len(packing.grains.vertices)
+    return _made(packing, lambda _, part: world_vertices(part), name="Points", n_rows=n, width=3)
+
+
+def _corners(packing: Packing, first: int) -> NDArray[np.int64]:
+    """Return the corners of all faces as indices into the vertices, the first of which has a number."""
     grains = packing.grains
     corner_counts = np.diff(grains.face_vertex_offsets[grains.face_offsets])
-    return grains.face_vertices.astype(np.int64) + np.repeat(grains.vertex_offsets[:-1], corner_counts)
+    return grains.face_vertices.astype(np.int64) + np.repeat(first + grains.vertex_offsets[:-1], corner_counts)
 
 
-def _face_stream(packing: Packing) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return, a grain: number of faces, then for each face the number of its corners and the corners; and its end."""
+def _face_stream(packing: Packing, first: int) -> NDArray[np.int64]:
+    """Return, a grain: number of faces, then for each face the number of its corners and the corners."""
     grains = packing.grains
-    n_faces = grains.n_faces
-    face_counts = np.diff(grains.face_offsets)
     corner_ends = grains.face_vertex_offsets
     ends = corner_ends[grains.face_offsets[1:]] + grains.face_offsets[1:] + np.arange(1, len(grains) + 1)
     stream = np.empty(ends[-1], dtype=np.int64)
-    stream[np.concatenate([[0], ends[:-1]])] = face_counts
+    stream[np.concatenate([[0], ends[:-1]])] = np.diff(grains.face_offsets)
     # Each face stands behind the corners and counts of those before it, and behind the heads of its own and earlier
     # grains.
-    heads = owners(grains.face_offsets) + 1
-    places = corner_ends[:-1] + np.arange(n_faces) + heads
+    places = corner_ends[:-1] + np.arange(grains.n_faces) + owners(grains.face_offsets) + 1
     stream[places] = np.diff(corner_ends)
     shift = np.repeat(places + 1 - corner_ends[:-1], np.diff(corner_ends))
-    stream[np.arange(corner_ends[-1]) + shift] = _global_corners(packing)
-    return stream, ends
+    stream[np.arange(corner_ends[-1]) + shift] = _corners(packing, first)
+    return stream
 
 
 def _measures(packing: Packing, options: VtkOptions, repeats: NDArray[np.int64] | None) -> list[_Array]:
     """Return the arrays on the cells, each grain's value as often as it has cells."""
     rows = table(packing)
-    arrays = [_Array("id", np.arange(len(packing), dtype=np.int32), repeats)]
+    arrays = [_whole("id", np.arange(len(packing), dtype=np.int32), repeats)]
     if options.measures:
         real = np.float32 if options.precision == "single" else np.float64
         for column in rows.dtype.names or ():
             kind = rows.dtype[column].kind
             if column != "id" and kind in "fi":
-                arrays.append(_Array(column, rows[column].astype(real if kind == "f" else np.int32), repeats))
+                arrays.append(_whole(column, rows[column].astype(real if kind == "f" else np.int32), repeats))
     return arrays
 
 
@@ -254,10 +282,9 @@ def _file(kind: str, counts: str, pieces: dict[str, list[_Array]]) -> Iterator[b
     for part, arrays in pieces.items():
         lines.append(f"<{part}>")
         for array in arrays:
-            width = array.values.shape[1] if array.values.ndim > 1 else 1
             lines.append(
-                f'<DataArray type="{_KINDS[array.values.dtype.str[1:]]}" Name={quoteattr(array.name)} '
-                f'NumberOfComponents="{width}" format="appended" offset="{start}"/>'
+                f'<DataArray type="{_KINDS[array.dtype.str[1:]]}" Name={quoteattr(array.name)} '
+                f'NumberOfComponents="{array.width}" format="appended" offset="{start}"/>'
             )
             start += 8 + array.size
         lines.append(f"</{part}>")
@@ -266,5 +293,6 @@ def _file(kind: str, counts: str, pieces: dict[str, list[_Array]]) -> Iterator[b
     for arrays in pieces.values():
         for array in arrays:
             yield array.size.to_bytes(8, "little")
-            yield from array.blocks()
+            for block in array.blocks():
+                yield block.tobytes()
     yield b"\n</AppendedData>\n</VTKFile>\n"
