@@ -5,10 +5,15 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from exporters import mjcf
 from grainsdem.errors import InputError
+
+if TYPE_CHECKING:
+    from grainsdem.model import Packing
 
 _LOG = logging.getLogger(__name__)
 
@@ -94,9 +99,12 @@ def refuse_memory(budget: Budget, *, memory: float | None = None) -> None:
         raise InputError(f"this does not fit: {budget}, and {free / 1e9:.2g} GB are free; {_ADVICE}")
 
 
-def settling_duration(height: float) -> float:
-    """Return how long [√(d/g)] grains that fall from up to a height [d] take to come to rest."""
-    return _SETTLING_TIME + float(np.sqrt(2 * max(height, 0.0)))
+def settling_budget(packing: Packing, *, time_step: float = 0.01, max_time: float = 200.0) -> Budget:
+    """Return what settling will take, from where the grains are at its start."""
+    up = 1 if packing.domain.is_planar else 2
+    fall = float(np.ptp(packing.positions[:, up]) / mjcf.units(packing).length)
+    duration = min(_SETTLING_TIME + float(np.sqrt(2 * fall)), max_time)
+    return estimate(len(packing), duration=duration, time_step=time_step)
 
 
 def allow(budget: Budget, *, max_hours: float, memory: float | None = None) -> None:

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from exporters import mjcf
 from exporters.mjcf import MjcfOptions
-from grainsdem.dynamics.budget import Budget, allow, estimate, settling_duration
+from grainsdem.dynamics.budget import allow, settling_budget
 from grainsdem.dynamics.loop import Loop, Record
 from grainsdem.dynamics.mechanics import SAMPLE_UNITS, Sample, contact_graph, sample, snapshot
 from grainsdem.dynamics.scene import equip, refuse_overlap, scene_of
@@ -257,14 +256,6 @@ def settle(
         at_rest=run.at_rest,
     )
     return Settled(settled, run.history(), _report(run), contact_graph(snapshot(scene)))
-
-
-def settling_budget(first: Packing, *, time_step: float = 0.01, max_time: float = 200.0) -> Budget:
-    """Return what settling will take, from where the grains are at its start."""
-    up = 1 if first.domain.is_planar else 2
-    fall = np.ptp(first.positions[:, up]) / mjcf.units(first).length
-    duration = min(settling_duration(float(fall)), max_time)
-    return estimate(len(first), duration=duration, time_step=time_step)
 
 
 def _downward(direction: ArrayLike, *, is_planar: bool) -> Floats:
