@@ -8,6 +8,7 @@ from test_tessellation_voronoi import check_laws
 from grainsdem.errors import InputError
 from grainsdem.geometry.integrals import integrate
 from grainsdem.model import Domain
+from grainsdem.packing import carve, shrink
 from grainsdem.points import halton, poisson
 from grainsdem.tessellation import relax, tessellate
 
@@ -21,9 +22,26 @@ DOMAINS = {
 
 @pytest.mark.unit
 def test_volumes_have_their_closed_forms():
-    assert DOMAINS["cylinder"].volume == pytest.approx(32 * 0.02**2 * np.tan(np.pi / 32) * 0.05, rel=1e-12)
+    assert DOMAINS["cylinder"].volume == pytest.approx(np.pi * 0.02**2 * 0.05, rel=1e-12)
     assert DOMAINS["hopper"].volume == pytest.approx(0.7 * (1 + 0.04 + 0.2) / 3, rel=1e-12)
     assert DOMAINS["tetrahedron"].volume == pytest.approx(1 / 6, rel=1e-12)
+
+
+@pytest.mark.unit
+@pytest.mark.parametrize("sides", [8, 32, 64])
+def test_a_porosity_in_a_cylinder_is_that_of_the_round_pipe(sides):
+    pipe = Domain.cylinder(2.0, 3.0, sides=sides)
+    bed = shrink(carve(tessellate(poisson(pipe, 40, rng=1), pipe), keep="all"), porosity=0.4)
+    assert 1 - integrate(bed.grains).volumes.sum() / (np.pi * 2.0**2 * 3.0) == pytest.approx(0.4, abs=1e-9)
+
+
+@pytest.mark.unit
+def test_facets_of_a_cylinder_lie_all_as_far_from_its_axis():
+    pipe = Domain.cylinder(2.0, 3.0, sides=12)
+    apothem = 2.0 * np.sqrt(np.pi / 12 / np.tan(np.pi / 12))
+    assert pipe.planes[:, 3] == pytest.approx(apothem)
+    assert pipe.upper[:2] == pytest.approx(apothem)
+    assert pipe.lower[:2] == pytest.approx(-apothem)
 
 
 @pytest.mark.unit

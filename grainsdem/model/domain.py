@@ -89,16 +89,20 @@ class Domain(Noun):
 
     @classmethod
     def cylinder(cls, radius: float, height: float, *, sides: int = 32, periodic: bool = False) -> Self:
-        """Return an upright prism around a cylinder of ``radius`` [m] about the z axis, from z = 0 to ``height`` [m].
+        """Return a cylinder of ``radius`` [m] about the z axis, from z = 0 to ``height`` [m], as an upright prism.
 
-        ``sides``, a multiple of 4 above 4, is the number of planes that touch the cylinder; four of them are the
-        walls of the box. ``periodic`` makes the z axis wrap around.
+        ``sides``, a multiple of 4 above 4, is the number of its facets; four of them are the walls of the box. The
+        prism has the area of the circle, and so the volume of the cylinder: a porosity is that of the round pipe. Of 32
+        facets the middles lie 0.16 % inside the circle and the edges 0.32 % outside. ``periodic`` makes the z axis
+        wrap around.
         """
         if sides < 8 or sides % 4:
             raise InputError(f"sides must be a multiple of 4, 8 or more; got {sides}")
         angles = np.delete(np.arange(sides), np.arange(4) * sides // 4) * (2 * np.pi / sides)
-        planes = np.column_stack([np.cos(angles), np.sin(angles), 0 * angles, np.full(angles.size, radius)])
-        return cls([-radius, -radius, 0.0], [radius, radius, height], [False, False, periodic], planes=planes)  # type: ignore[arg-type]
+        # The apothem of the regular polygon whose area, sides · tan(π / sides) · apothem², is the circle's.
+        reach = radius * float(np.sqrt(np.pi / (sides * np.tan(np.pi / sides))))
+        planes = np.column_stack([np.cos(angles), np.sin(angles), 0 * angles, np.full(angles.size, reach)])
+        return cls([-reach, -reach, 0.0], [reach, reach, height], [False, False, periodic], planes=planes)  # type: ignore[arg-type]
 
     @classmethod
     def hopper(cls, top: ArrayLike, bottom: ArrayLike, height: float) -> Self:

@@ -72,7 +72,7 @@ class Annulus:
         self.inner, self.outer = self._inner * scale, self._outer * scale
         self.floor, self.top = (height * scale for height in self._plates)
         half, reach = self._height * scale, 1.1 * self.outer
-        self.area = float(FACETS * np.tan(np.pi / FACETS) * self.outer**2 - np.pi * self.inner**2)
+        self.area = float(np.pi * (self.outer**2 - self.inner**2))
         apparatus.set_gravity((0.0, 0.0, 0.0))
         apparatus.add_shape(None, "inner_wall", "cylinder", (self.inner, half), position=(0.0, 0.0, 0.5 * half))
         apparatus.add_shape(
