@@ -180,6 +180,87 @@ def test_the_curve_carries_the_percentiles_by_mass(fresh, tmp_path, monkeypatch)
     assert [t.split(" = ")[1] for t in texts] == [f"{x:#.3g} mm" for x in d]
 
 
+def gradings():
+    """Beds of cubes by what is odd about their sizes, with sieves to draw or none."""
+
+    def of(diameters):
+        halves = 0.5 * np.cbrt(np.pi / 6) * np.asarray(diameters)
+        cubes = [cube_packing([[0, 0, 0]], half=half) for half in halves]
+        shapes = Polyhedra(
+            np.vstack([cube.grains.vertices for cube in cubes]),
+            8 * np.arange(len(cubes) + 1),
+            6 * np.arange(len(cubes) + 1),
+            np.tile(cubes[0].grains.face_vertices, len(cubes)),
+            4 * np.arange(6 * len(cubes) + 1),
+        )
+        n = len(cubes)
+        return Packing(shapes, np.zeros((n, 3)), np.eye(4)[np.zeros(n, int)], np.ones(n), Domain())
+
+    share = (np.arange(200) + 0.5) / 200
+    sieves = [8e-4, 1e-3, 1.2e-3]
+    return {
+        "narrow": (of(1e-3 * (1 + 0.02 * share)), None),
+        "wide": (of(1e-4 * 300**share), None),
+        "steep on the left": (of(np.append(1e-3 * (1 + 0.01 * share), [4e-3])), sieves),
+        "two sizes": (of(np.append(np.full(800, 1e-4), np.full(2, 7e-4))), None),
+        "one grain": (of([2e-5]), None),
+        "boulders": (of(1.0 + 0.9 * share), [0.5, 3.0]),
+    }
+
+
+@pytest.mark.unit
+@pytest.mark.parametrize("name", gradings())
+def test_on_a_plot_of_sizes_no_text_lies_on_another_on_the_curve_or_outside_its_frame(name, tmp_path, monkeypatch):
+    from matplotlib.figure import Figure
+    from matplotlib.text import Annotation, Text
+
+    drawn = []
+    save = Figure.savefig
+    monkeypatch.setattr(Figure, "savefig", lambda self, *a, **k: (drawn.append(self), save(self, *a, **k)))
+    packing, sieves = gradings()[name]
+    size_histogram(packing, tmp_path / "a.png", sieves=sieves)
+    (figure,) = drawn
+    passing, shares, top = figure.axes
+    assert passing.get_xscale() == shares.get_xscale() == "log"
+    limits = np.array(passing.get_xlim())
+    unit = shares.get_xlabel().split("[")[1].rstrip("]")
+    millimetres = {"m": 1e3, "mm": 1.0, "µm": 1e-3}[unit]
+    np.testing.assert_allclose(top.get_xlim(), -np.log2(limits * millimetres), rtol=1e-12, atol=1e-12)
+    texts = [t for t in figure.findobj(Text) if t.get_visible() and t.get_text()]
+    # Ticks beyond the limits have labels that are never drawn.
+    for axis in (passing.xaxis, shares.xaxis, top.xaxis, passing.yaxis, shares.yaxis, top.yaxis):
+        low, high = sorted(axis.get_view_interval())
+        for tick in axis.get_major_ticks():
+            if not low <= tick.get_loc() <= high:
+                texts = [t for t in texts if t not in {tick.label1, tick.label2}]
+    boxes = [t.get_window_extent() for t in texts]
+    assert all(np.all(box.min >= figure.bbox.min) and np.all(box.max <= figure.bbox.max) for box in boxes)
+    clashes = [
+        (texts[i].get_text(), texts[j].get_text())
+        for i in range(len(texts))
+        for j in range(i)
+        if boxes[i].overlaps(boxes[j])
+    ]
+    assert clashes == []
+    assert sum(bool(label.get_text()) for label in shares.get_xticklabels()) >= 2
+    names = [t for t in texts if isinstance(t, Annotation)]
+    assert len(names) == 3
+    curve = passing.lines[0].get_path().interpolated(20)
+    steps = passing.transData.transform(np.vstack([curve.vertices, _risers(curve.vertices)]))
+    for named in names:
+        box = Text.get_window_extent(named)
+        assert np.all(box.min >= passing.bbox.min)
+        assert np.all(box.max <= passing.bbox.max)
+        assert not ((steps > box.min) & (steps < box.max)).all(axis=1).any()
+
+
+def _risers(vertices):
+    """Return points along the vertical parts of a stepped line."""
+    tops = np.repeat(vertices[1:], 21, axis=0)
+    tops[:, 1] = np.linspace(vertices[:-1, 1], vertices[1:, 1], 21, axis=1).ravel()
+    return tops
+
+
 @pytest.mark.unit
 def test_other_suffixes_and_folders_that_are_not_there_are_refused(fresh, tmp_path):
     for draw in (

@@ -6,6 +6,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from grainsdem.atomic import replacing
 from grainsdem.errors import FileFormatError
 
@@ -13,6 +15,7 @@ if TYPE_CHECKING:
     import os
     from collections.abc import Iterator
 
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 INK, BLUE, RED, GREY = "#22272e", "#2f6690", "#b5452c", "#808080"
@@ -47,6 +50,56 @@ def length_unit(length: float) -> tuple[float, str]:
         if length * factor >= 0.1:
             return factor, unit
     return 1e9, "nm"
+
+
+def scale_sizes(axes: Axes, limits: tuple[float, float], *, label: str = "", factor: float, unit: str) -> Axes:
+    """Make x an axis of grain sizes: logarithmic, with φ = −log₂(d / 1 mm) along the top.
+
+    Parameters
+    ----------
+    axes : Axes
+        Its x axis is scaled; other axes that share it follow.
+    limits : tuple of float
+        Smallest and largest size to be seen, in the unit.
+    label : str
+        What the sizes are of; none is written by default.
+    factor, unit : float, str
+        What `length_unit` returns.
+
+    Returns
+    -------
+    Axes
+        That of φ; it shares y.
+    """
+    from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
+
+    margin = max(limits[1] / limits[0], 1.01) ** 0.04
+    low, high = limits[0] / margin, limits[1] * margin
+    axes.set_xscale("log")
+    axes.set(xlim=(low, high), xlabel=f"{label}  [{unit}]" if label else "")
+    axes.xaxis.set_major_locator(FixedLocator(_round_sizes(low, high)))
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda size, _: f"{size:.6g}"))
+    top = axes.twiny()
+    # φ is linear in the logarithm of the size, and rises as sizes fall.
+    top.set(xlim=tuple(-np.log2(np.array([low, high]) / factor * 1e3)), xlabel="φ")
+    top.spines["top"].set_visible(True)
+    top.xaxis.set_major_locator(MaxNLocator(nbins=6, steps=[1, 2, 5, 10]))
+    top.xaxis.set_major_formatter(FuncFormatter(lambda phi, _: f"{phi:.6g}".replace("-", "−")))
+    return top
+
+
+def _round_sizes(low: float, high: float) -> list[float]:
+    """Return round sizes within limits: 1, 2 and 5 of each decade where there are several, else equal steps."""
+    from matplotlib.ticker import MaxNLocator
+
+    if high / low > 5:
+        first, last = int(np.floor(np.log10(low))), int(np.ceil(np.log10(high)))
+        mantissas = (1, 2, 5) if last - first <= 4 else (1,)
+        sizes = [m * 10.0**power for power in range(first, last + 1) for m in mantissas]
+    else:
+        sizes = MaxNLocator(nbins=5, steps=[1, 2, 5, 10]).tick_values(low, high).tolist()
+    return [size for size in sizes if low <= size <= high]
 
 
 @contextmanager

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.errors import InputError, ShapeError
-from grainsdem.figures.frame import BLUE, INK, RED, check_suffix, drawing, length_unit
+from grainsdem.figures.frame import BLUE, INK, RED, check_suffix, drawing, length_unit, scale_sizes
 from grainsdem.measures import diameters, masses, percentiles
 
 if TYPE_CHECKING:
@@ -24,9 +24,12 @@ if TYPE_CHECKING:
 
     from grainsdem.model import ContactGraph, Packing
 
+NAMED = 0.28
+"""Share of the frame's width that the name and value of a percentile take."""
+
 
 def size_histogram(packing: Packing, path: str | os.PathLike[str], *, sieves: Sequence[float] | None = None) -> Path:
-    """Draw the grain-size curve: mass passing against diameter, over the mass in each class.
+    """Draw the grain-size curve, mass passing against diameter, and below it the mass in each class.
 
     Parameters
     ----------
@@ -36,12 +39,13 @@ def size_histogram(packing: Packing, path: str | os.PathLike[str], *, sieves: Se
         Ends in ``.png``.
     sieves : sequence of float
         Openings [m] to draw as lines; they also part the classes where there are two or more. Without them the
-        classes are equal.
+        classes are equal steps of φ.
 
     Returns
     -------
     pathlib.Path
-        The file. Diameters are those of the spheres of equal volume, d10, d50 and d90 are by mass.
+        The file. Diameters are those of the spheres of equal volume, on a logarithmic axis with φ along the top; d10,
+        d50 and d90 are by mass.
 
     Raises
     ------
@@ -58,20 +62,22 @@ def size_histogram(packing: Packing, path: str | os.PathLike[str], *, sieves: Se
     d, w = diameters(packing.grains) * factor, masses(packing)
     openings = openings * factor
     with drawing(target) as figure:
-        shares = figure.add_subplot()
+        passing, shares = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
         inside = openings[(openings > d.min()) & (openings < d.max())]
         classes = _classes(d, inside)
         heights, _ = np.histogram(d, classes, weights=100 * w / w.sum())
         shares.bar(classes[:-1], heights, np.diff(classes), align="edge", color=BLUE, alpha=0.35, edgecolor="white")
-        shares.set(xlabel=f"equal-volume diameter  [{unit}]", ylabel="mass in class  [%]", ylim=(0, None))
-        passing = shares.twinx()
+        shares.set(ylabel="mass in class  [%]", ylim=(0, None))
         order = np.argsort(d, kind="stable")
         running = np.cumsum(w[order]) / w.sum() * 100
         passing.step(np.r_[d[order][0], d[order]], np.r_[0.0, running], where="post", color=INK, linewidth=1.6)
         passing.set(ylabel="mass passing  [%]", ylim=(0, 102))
-        passing.spines["right"].set_visible(True)
         for opening in openings:
-            passing.axvline(opening, color=RED, linewidth=0.8, linestyle=(0, (4, 3)))
+            for axes in (passing, shares):
+                axes.axvline(opening, color=RED, linewidth=0.8, linestyle=(0, (4, 3)))
+        edges = np.concatenate([classes[[0, -1]], openings])
+        scale_sizes(passing, (float(edges.min()), float(edges.max())), factor=factor, unit=unit)
+        shares.set_xlabel(f"equal-volume diameter  [{unit}]")
         _mark_percentiles(passing, d, w, unit)
     return target
 
@@ -162,13 +168,13 @@ def energy_plot(history: Mapping[str, ArrayLike], path: str | os.PathLike[str]) 
 
 
 def _classes(d: NDArray[np.float64], sieves: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the edges of the classes: the sieves where they part the grains, else equal steps."""
+    """Return the edges of the classes: the sieves where they part the grains, else equal steps of φ."""
     if sieves.size >= 2:
         return np.concatenate([[d.min()], sieves, [d.max()]])
     low, high = d.min(), d.max()
     if high - low <= 1e-9 * high:  # one size: a class of its own, a hundredth wide
         return np.array([0.995 * low, 1.005 * high])
-    return np.linspace(low, high, int(np.clip(np.sqrt(d.size), 6, 40)) + 1)
+    return np.geomspace(low, high, int(np.clip(np.sqrt(d.size), 6, 40)) + 1)
 
 
 def _mark_percentiles(axes: Axes, d: NDArray[np.float64], w: NDArray[np.float64], unit: str) -> None:
@@ -176,15 +182,18 @@ def _mark_percentiles(axes: Axes, d: NDArray[np.float64], w: NDArray[np.float64]
     q = (10, 50, 90)
     marks = percentiles(d, q, weights=w)
     axes.plot(marks, q, "o", color=INK, markersize=4.5, markerfacecolor="white", zorder=5)
+    low, high = np.log(axes.get_xlim())
     for x, y in zip(marks, q, strict=True):
-        # Left of the curve, which rises to the right, there is room.
+        # The curve rises to the right: there is room above it on the left, and where that is too near the frame, below
+        # it on the right.
+        on_left = (np.log(x) - low) / (high - low) > NAMED
         axes.annotate(
             f"d$_{{{y}}}$ = {x:#.3g} {unit}",
             (x, y),
-            xytext=(-8, 3),
+            xytext=(-8, 3) if on_left else (8, -3),
             textcoords="offset points",
-            ha="right",
-            va="bottom",
+            ha="right" if on_left else "left",
+            va="bottom" if on_left else "top",
             fontsize=9,
-            bbox={"facecolor": "white", "alpha": 0.75, "edgecolor": "none", "pad": 1},
+            bbox={"facecolor": "white", "edgecolor": "none", "pad": 1},
         )

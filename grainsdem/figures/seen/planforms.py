@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from grainsdem.errors import InputError, ShapeError
-from grainsdem.figures.frame import BLUE, INK, RED, check_suffix, drawing, length_unit
+from grainsdem.figures.frame import BLUE, INK, RED, check_suffix, drawing, length_unit, scale_sizes
 from grainsdem.geometry.integrals import volumes
 from grainsdem.measures.planform.truth import planform_table, true_sizes
 
@@ -97,6 +97,8 @@ def _draw_curves(axis: Axes, rows: NDArray[np.void], packing: Packing) -> None:
         order = np.argsort(sizes, kind="stable")
         passing = 100 * np.cumsum(weights[order]) / weights.sum()
         axis.plot(sizes[order] * factor, passing, color=color, linestyle=style, linewidth=1.4, label=name)
-    axis.set(xlabel=f"axis b  [{unit}]", ylabel="smaller  [%]", xlim=(0, None), ylim=(0, 100))
+    axis.set(ylabel="smaller  [%]", ylim=(0, 100))
+    smallest, largest = min(b.min(), rows["apparent_b"].min()), max(b.max(), rows["apparent_b"].max())
+    scale_sizes(axis, (smallest * factor, largest * factor), label="axis b", factor=factor, unit=unit)
     axis.set_title("how large", fontsize=10, loc="left")
     axis.legend(frameon=False, fontsize=8, loc="upper left")
