@@ -95,11 +95,11 @@ def test_an_unknown_option_is_refused_with_the_known_ones(fresh):
 
 
 def test_an_existing_file_is_kept_where_it_must_not_be_replaced(cube, tmp_path):
-    table = tmp_path / "bed.grains.csv"
+    table = tmp_path / "bed.triangles.csv"
     table.write_text("mine")
-    with pytest.raises(WriteError, match=r"bed\.grains\.csv: exists already"):
+    with pytest.raises(WriteError, match=r"bed\.triangles\.csv: exists already"):
         exporters.write(cube, tmp_path / "bed.stl", overwrite=False)
-    assert [path.name for path in tmp_path.iterdir()] == ["bed.grains.csv"]
+    assert [path.name for path in tmp_path.iterdir()] == ["bed.triangles.csv"]
     exporters.write(cube, tmp_path / "bed.stl")
     assert table.read_text() != "mine"
 
@@ -140,7 +140,7 @@ def test_one_folder_holds_every_format_and_a_manifest_of_the_same_bytes_twice(fr
     seeded = fresh.with_step("recipe", rng=11)
     paths = exporters.write(seeded, tmp_path / "out", formats=["mjcf", "usd", ".usda", "stl"], friction=0.3)
     assert [path.name for path in paths] == [
-        "bed.xml", "bed.usdc", "bed.usda", "bed.stl", "bed.grains.csv", "manifest.json",
+        "bed.xml", "bed.usdc", "bed.usda", "bed.stl", "bed.triangles.csv", "manifest.json",
     ]  # fmt: skip
     manifest = json.loads(paths[-1].read_text())
     listed = [file for row in manifest["formats"] for file in row["files"]]

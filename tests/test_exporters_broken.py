@@ -101,7 +101,7 @@ def break_binary_stl(path, fault):
     elif fault == "missing triangle":
         records = np.delete(records, 12)
         # The table beside it goes: which triangles are one grain's follows from the vertices that they share.
-        path.with_name("bed.grains.csv").unlink()
+        path.with_name("bed.triangles.csv").unlink()
     elif fault == "shifted into another":
         corners[..., 0] += STEP
     elif fault == "not convex":

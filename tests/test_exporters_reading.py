@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 from conftest import cube_packing
 from typer.testing import CliRunner
 
@@ -23,6 +24,22 @@ from grainsdem.tessellation import tessellate
 from grainsdem.validation import compare, validate
 
 SUFFIXES = [".xml", ".usda", ".usdc", ".usdz", ".stl", ".obj"]
+
+
+CORNERS = "0 0 0  1 0 0  0 1 0  0 0 1"
+TWO_MESHES = f"""<mujoco><asset><mesh name="t" vertex="{CORNERS}"/></asset><worldbody><body name="pair"><freejoint/>
+<geom type="mesh" mesh="t"/><geom type="mesh" mesh="t" pos="5 0 0"/></body></worldbody></mujoco>""".encode()
+TWO_SHAPES = b"""#usda 1.0
+def Xform "pair" (prepend apiSchemas = ["PhysicsRigidBodyAPI"])
+{
+    def Mesh "one"
+    {
+    }
+    def Mesh "two"
+    {
+    }
+}
+"""
 
 
 @pytest.fixture(scope="module")
@@ -96,7 +113,7 @@ def test_formats_with_a_container_keep_the_domain_and_the_masses(tilted, tmp_pat
 def test_ascii_stl_and_binary_without_its_table_have_the_same_grains(tilted, tmp_path):
     exporters.write(tilted, tmp_path / "text.stl", binary=False)
     exporters.write(tilted, tmp_path / "bare.stl")
-    (tmp_path / "bare.grains.csv").unlink()
+    (tmp_path / "bare.triangles.csv").unlink()
     for name in ("text.stl", "bare.stl"):
         assert all(check.ok for check in compare(exporters.read(tmp_path / name), tilted, tolerance=1e-5))
 
@@ -146,14 +163,17 @@ def test_a_moved_or_shrunk_grain_is_named_by_the_comparison(fresh):
     ("name", "content", "words"),
     [
         ("bed.gltf", b"", "files are read from .xml, .usda, .usdc, .usdz, .stl, .obj; got '.gltf'"),
-        ("bed.stl", b"solid\nendsolid\n", "holds no triangles"),
+        ("bed.stl", b"solid\nendsolid\n", "holds no faces"),
         ("bed.stl", b"\x00" * 90, "neither ASCII STL nor binary"),
-        ("bed.stl", b"solid a\nvertex 1 2\nendfacet\n", "three numbers"),
-        ("bed.obj", b"o a\nv 0 0 0\nf 1 2 3\n", "faces name vertices up to 3; there are 1"),
-        ("bed.obj", b"o a\nv 0 0 0\nf 1 1 1 1\n", "faces of three"),
+        ("bed.stl", b"solid a\nvertex 1 2\nendfacet\n", "bed.stl, line 2: a vertex has three numbers; got ['1', '2']"),
+        ("bed.stl", b"solid a\nvertex 1 2 x\nendfacet\n", "line 2: a vertex has three numbers; got ['1', '2', 'x']"),
+        ("bed.stl", b"solid a\nvertex 1 2 3\nendfacet\n", "bed.stl, line 3: a facet has three vertices"),
+        ("bed.obj", b"o a\n", "bed.obj: holds no faces"),
         ("bed.xml", b"<mujoco><worldbody/></mujoco>", "holds no grains"),
         ("bed.xml", b"<mujoco>", "MuJoCo does not compile it"),
+        ("bed.xml", TWO_MESHES, "a grain is a body with one mesh; not so: pair"),
         ("bed.usda", b"#usda 1.0\n", "holds no grains"),
+        ("bed.usda", TWO_SHAPES, "a grain is a body with one mesh; not so: /pair"),
         ("bed.usda", b"nothing of the kind", "pxr does not open it"),
     ],
 )
@@ -174,6 +194,40 @@ def test_a_file_that_is_not_there_says_so(tmp_path):
 @pytest.mark.unit
 def test_a_table_of_another_surface_is_refused(tilted, tmp_path):
     exporters.write(tilted, tmp_path / "bed.stl")
-    (tmp_path / "bed.grains.csv").write_text("grain,first_triangle,n_triangles\n0,0,12\n1,12,12\n")
+    (tmp_path / "bed.triangles.csv").write_text("grain,first_triangle,n_triangles\n0,0,12\n1,12,12\n")
     with pytest.raises(FileFormatError, match="are not those of the"):
         exporters.read(tmp_path / "bed.stl")
+
+
+def solid(name, *bodies):
+    """Return a solid of ASCII STL, its cubes of edge one standing at the given places along x."""
+    triangles = trimesh.creation.box().triangles
+    facets = [
+        f"facet normal 0 0 0\nouter loop\n{corners}\nendloop\nendfacet"
+        for at in bodies
+        for triangle in triangles + np.array([at, 0, 0])
+        for corners in ["\n".join("vertex {:g} {:g} {:g}".format(*corner) for corner in triangle)]
+    ]
+    return "\n".join([f"solid {name}", *facets, f"endsolid {name}", ""])
+
+
+@pytest.mark.unit
+@pytest.mark.parametrize("change", [str, str.upper, lambda text: "\ufeff" + text.replace("\n", "\r\n")])
+def test_a_solid_that_holds_several_bodies_is_several_grains(tmp_path, caplog, change):
+    path = tmp_path / "bed.stl"
+    path.write_bytes(change(solid("all", 0, 2, 4)).encode())
+    packing = exporters.read(path)
+    np.testing.assert_allclose(packing.positions[:, 0], [0, 2, 4], atol=1e-12)
+    np.testing.assert_allclose(volumes(packing.grains), 1, rtol=1e-12)
+    assert not caplog.messages
+    path.write_bytes(change(solid("a", 0, 2) + solid("b", 4)).encode())
+    np.testing.assert_allclose(exporters.read(path).positions[:, 0], [0, 2, 4], atol=1e-12)
+    [line] = caplog.messages
+    assert line.lower().endswith("more than one have solids a (2)")
+
+
+@pytest.mark.unit
+def test_solids_that_touch_at_the_bit_stay_two_grains(tmp_path):
+    path = tmp_path / "bed.stl"
+    path.write_text(solid("a", 0) + solid("b", 1))
+    np.testing.assert_allclose(exporters.read(path).positions[:, 0], [0, 1], atol=1e-12)

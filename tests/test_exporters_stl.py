@@ -58,9 +58,9 @@ def test_trimesh_reads_a_closed_outward_surface_of_the_right_volume(fresh, binar
 @pytest.mark.client
 def test_the_table_beside_a_binary_file_tells_the_grains_apart(fresh):
     content = exporters.files(fresh, ".stl", name="sand")
-    assert list(content) == ["sand.stl", "sand.grains.csv"]
+    assert list(content) == ["sand.stl", "sand.triangles.csv"]
     mesh = trimesh.load(io.BytesIO(content["sand.stl"]), file_type="stl", force="mesh", process=False)
-    rows = list(csv.DictReader(io.StringIO(content["sand.grains.csv"].decode())))
+    rows = list(csv.DictReader(io.StringIO(content["sand.triangles.csv"].decode())))
     assert [int(row["grain"]) for row in rows] == list(range(len(fresh)))
     exact = volumes(fresh.grains)
     for i, row in enumerate(rows):

@@ -56,7 +56,7 @@ def test_a_list_of_edges_and_its_lines_go_by_the_name_of_the_format(fresh, tmp_p
 def test_tables_go_into_one_folder_with_the_other_formats_under_the_same_ids(fresh, tmp_path):
     paths = exporters.write(fresh, tmp_path / "all", formats=["stl", "grains", "contacts", "vtk", "ply"])
     assert sorted(path.name for path in paths) == [
-        "bed.csv", "bed.grains.csv", "bed.graphml", "bed.ply", "bed.stl", "bed.vtp", "manifest.json",
+        "bed.csv", "bed.graphml", "bed.ply", "bed.stl", "bed.triangles.csv", "bed.vtp", "manifest.json",
     ]  # fmt: skip
     frame = pd.read_csv(io.BytesIO((tmp_path / "all" / "bed.csv").read_bytes()))
     cells = pyvista.read(tmp_path / "all" / "bed.vtp").cell_data

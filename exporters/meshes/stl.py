@@ -43,6 +43,9 @@ if TYPE_CHECKING:
 RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 """One triangle of binary STL."""
 
+TABLE = ".triangles.csv"
+"""What the table beside a binary file ends in: which triangles are which grain's."""
+
 _FACET = """\
   facet normal %.9g %.9g %.9g
     outer loop
@@ -99,7 +102,9 @@ LOSES = (
 def files(
     packing: Packing, *, name: str = "bed", suffix: str = ".stl", options: StlOptions | None = None
 ) -> dict[str, bytes | Iterable[bytes]]:
-    """Return the surface of all grains, and for binary ``bed.grains.csv``: grain, first triangle, number of triangles.
+    """Return the surface of all grains, and for binary ``bed.triangles.csv``.
+
+    The table has a row a grain: its number, its first triangle, its number of triangles.
 
     Raises
     ------
@@ -118,7 +123,7 @@ def files(
         return {f"{name}{suffix}": _ascii(packing, plan)}
     return {
         f"{name}{suffix}": _binary(packing, plan),
-        f"{name}.grains.csv": _table(plan.counts),
+        f"{name}{TABLE}": _table(plan.counts),
     }
 
 

@@ -42,16 +42,17 @@ def read(path: str | os.PathLike[str]) -> Packing:
     Returns
     -------
     Packing
-        Grains in the order of the file, in SI. Faces are those of the file: triangles, as a rule. What a format does
-        not hold is a default: the density of quartz, and a box around the grains as domain.
+        Grains in the order of the file, in SI. Faces are those of the file: triangles, as a rule. Surfaces of STL and
+        OBJ are parted into their pieces, a grain each, even within one solid or object. What a format does not hold is
+        a default: the density of quartz, and a box around the grains as domain.
 
     Raises
     ------
     MissingFileError
         If there is no such file.
     FileFormatError
-        If the suffix is unknown, or the file is damaged or holds no grains. Shapes that are open, turned inside out or
-        not convex are read as they are: `grainsdem.validate` names them.
+        If the suffix is unknown, the file is damaged or holds no grains, or a body of it has several meshes. Shapes
+        that are open, turned inside out or not convex are read as they are: `grainsdem.validate` names them.
     """
     path = Path(path)
     if path.suffix.lower() not in READERS:

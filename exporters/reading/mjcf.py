@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from exporters.mjcf.log import quiet
-from exporters.reading.rebuild import Shape, gather, placed
+from exporters.reading.rebuild import Shape, gather, placed, refuse_several
 from grainsdem.errors import FileFormatError
 from grainsdem.geometry.rotations import to_matrices
 from grainsdem.model import Domain
@@ -37,8 +37,9 @@ def read(path: Path) -> Packing:
     geoms = meshes[model.body_jntnum[model.geom_bodyid[meshes]] > 0]
     if not geoms.size and (model.geom_type == mujoco.mjtGeom.mjGEOM_SPHERE).any():
         raise FileFormatError(f"{path}: its grains are spheres, which no packing holds")
-    shapes = gather(path, [_shape(model, geom, length) for geom in geoms])
     bodies = model.geom_bodyid[geoms]
+    refuse_several(path, [model.body(body).name for body in bodies])
+    shapes = gather(path, [_shape(model, geom, length) for geom in geoms])
     corners = [_numeric(model, name) for name in ("domain_lower", "domain_upper")]
     domain = None if any(corner is None for corner in corners) else Domain(*(corner * length for corner in corners))
     return placed(shapes, data.xpos[bodies] * length, data.xquat[bodies], model.body_mass[bodies] * mass, domain)

@@ -1,16 +1,25 @@
-"""Wavefront OBJ, one object a grain, kept in single precision as most readers keep it."""
+"""Wavefront OBJ, kept in single precision as most readers keep it.
+
+A grain is a piece: faces that hang together by their vertices, of one ``o`` where there are any. Groups, materials,
+normals and textures say nothing about that.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from exporters.reading.rebuild import from_soup
+from exporters.reading.pieces import connected, open_objects, places, tell, within
+from exporters.reading.rebuild import from_soup, unit_of
 from grainsdem.errors import FileFormatError
+from grainsdem.ragged import offsets_from_counts, take_indices
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
+
+    from numpy.typing import NDArray
 
     from grainsdem.model import Packing
 
@@ -18,32 +27,113 @@ IS_LOCAL = False
 ROUNDINGS = 1
 
 
+class _Mesh(NamedTuple):
+    """What is read before it is known what is a grain."""
+
+    vertices: NDArray[np.float32]
+    corners: NDArray[np.int64]
+    offsets: NDArray[np.int64]
+    objects: NDArray[np.int64]
+    names: list[str]
+
+
 def read(path: Path) -> Packing:
-    """Read an OBJ file of triangles; every ``o`` begins a grain."""
-    points: list[list[str]] = []
-    loops: list[list[int]] = []
-    grain_of: list[int] = []
-    grain, length = -1, 1.0
+    """Read an OBJ file; every ``o`` begins a grain, and every further piece under it is one more.
+
+    Pieces share vertices by number. Where such pieces are not closed, as when every face has vertices of its own, those
+    of an object share them by place.
+    """
+    # "utf-8-sig": editors put a byte-order mark before the first word.
+    text = path.read_text(encoding="utf-8-sig", errors="replace")
+    mesh = _parsed(path, text)
+    grain_of = _grains(mesh)
+    tell(path, "objects", mesh.names, mesh.objects, grain_of)
+    order = np.argsort(grain_of, kind="stable")
+    rows, offsets = take_indices(mesh.offsets, order)
+    head = text.partition("\n")[0]
+    length = unit_of(head) if head.startswith("#") else 1.0
+    return from_soup(path, mesh.vertices[mesh.corners[rows]], offsets, grain_of[order], length)
+
+
+def _grains(mesh: _Mesh) -> NDArray[np.int64]:
+    """Return the grain of each face."""
+    by_number = within(mesh.objects, mesh.corners, mesh.offsets)
+    pieces = connected(by_number, mesh.offsets)
+    if pieces.max(initial=-1) == mesh.objects.max(initial=-1):
+        return pieces
+    is_open = open_objects(mesh.objects, mesh.corners, mesh.offsets)
+    by_place = places(mesh.vertices)[mesh.corners]
+    welded = np.where(np.repeat(is_open[mesh.objects], np.diff(mesh.offsets)), by_place, mesh.corners)
+    return connected(within(mesh.objects, welded, mesh.offsets), mesh.offsets)
+
+
+def _statements(text: str) -> Iterator[tuple[int, list[str]]]:
+    """Yield the number and the words of each line; a backslash at its end goes on with the next one."""
+    words: list[str] = []
+    begun, goes_on = 1, False
+    for number, line in enumerate(text.split("\n"), 1):
+        begun, words = (begun, words) if goes_on else (number, [])
+        words += line.partition("#")[0].split()
+        goes_on = bool(words) and words[-1].endswith("\\")
+        if goes_on:
+            words[-1] = words[-1][:-1]
+            if not words[-1]:
+                words.pop()
+        elif words:
+            yield begun, words
+    if goes_on and words:
+        yield begun, words
+
+
+def _parsed(path: Path, text: str) -> _Mesh:
+    """Return vertices, the faces' corners counted from 0, and the object of each face."""
+    points: list[tuple[float, float, float]] = []
+    corners: list[int] = []
+    counts: list[int] = []
+    lines: list[int] = []
+    object_of: list[int] = []
+    names = ["before the first"]
+    for line, words in _statements(text):
+        if words[0] == "v":
+            try:
+                points.append((float(words[1]), float(words[2]), float(words[3])))
+            except (ValueError, IndexError) as error:
+                raise FileFormatError(f"{path}, line {line}: a vertex has three numbers; got {words[1:]}") from error
+        elif words[0] == "f":
+            loop = _loop(path, line, words[1:], len(points))
+            corners += loop
+            counts.append(len(loop))
+            lines.append(line)
+            object_of.append(len(names) - 1)
+        elif words[0] == "o":
+            names.append(" ".join(words[1:]) or "without a name")
+    loops = np.array(corners, dtype=np.int64)
+    beyond = np.flatnonzero(loops >= len(points))
+    offsets = offsets_from_counts(counts)
+    if beyond.size:
+        line = lines[int(np.searchsorted(offsets, beyond[0], side="right")) - 1]
+        raise FileFormatError(
+            f"{path}, line {line}: a face names vertex {loops[beyond[0]] + 1}; the file has {len(points)}"
+        )
+    with np.errstate(over="ignore"):  # beyond single precision it is infinite, which validation names
+        vertices = np.array(points, dtype=np.float64).reshape(-1, 3).astype(np.float32)
+    used, dense = np.unique(np.array(object_of, dtype=np.int64), return_inverse=True)
+    return _Mesh(vertices, loops, offsets, dense.ravel(), [names[k] for k in used])
+
+
+def _loop(path: Path, line: int, words: list[str], n_before: int) -> list[int]:
+    """Return the corners of a face counted from 0; negative ones count back from the last vertex before the face."""
     try:
-        for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
-            words = line.split()
-            if not words:
-                continue
-            if words[:2] == ["#", "unit"]:
-                length = float(words[2])
-            elif words[0] == "o":
-                grain += 1
-            elif words[0] == "v":
-                points.append(words[1:4])
-            elif words[0] == "f":
-                loops.append([int(word.split("/")[0]) for word in words[1:]])
-                grain_of.append(max(grain, 0))
-        vertices = np.array(points, dtype=np.float32).reshape(-1, 3)
-        faces = np.array(loops, dtype=np.int64).reshape(-1, 3)
+        numbers = [int(word.partition("/")[0]) for word in words]
     except ValueError as error:
-        raise FileFormatError(f"{path}: not vertices of three numbers and faces of three vertices") from error
-    faces = np.where(faces < 0, faces + len(vertices), faces - 1)
-    if faces.size and not (faces.min() >= 0 and faces.max() < len(vertices)):
-        raise FileFormatError(f"{path}: faces name vertices up to {faces.max() + 1}; there are {len(vertices)}")
-    _, dense = np.unique(np.array(grain_of, dtype=np.int64), return_inverse=True)
-    return from_soup(path, vertices[faces], dense, length)
+        raise FileFormatError(
+            f"{path}, line {line}: a corner is a number of a vertex, as v, v/vt, v//vn or v/vt/vn; got {words}"
+        ) from error
+    if len(numbers) < 3:
+        raise FileFormatError(f"{path}, line {line}: a face has three corners or more; got {len(numbers)}")
+    if 0 in numbers or min(numbers) < -n_before:
+        bad = next(number for number in numbers if number == 0 or number < -n_before)
+        raise FileFormatError(
+            f"{path}, line {line}: a face names vertex {bad}; they count from 1, or back from -1 to -{n_before}"
+        )
+    return [number - 1 if number > 0 else number + n_before for number in numbers]

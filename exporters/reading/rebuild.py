@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
+from collections import Counter
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from grainsdem.errors import FileFormatError
+from grainsdem.errors import FileFormatError, name_offenders
 from grainsdem.geometry.integrals import integrate, volumes
 from grainsdem.geometry.rotations import identity_quaternions
 from grainsdem.model import QUARTZ_DENSITY, Domain, Packing, Polyhedra
@@ -40,6 +42,13 @@ class Shape:
     counts: NDArray[np.int32]
 
 
+def refuse_several(path: Path, names: list[str]) -> None:
+    """Raise `FileFormatError` where a body has more than one mesh; ``names`` is the body of each mesh."""
+    several = [name for name, count in Counter(names).items() if count > 1]
+    if several:
+        raise FileFormatError(f"{path}: a grain is a body with one mesh; not so: {name_offenders(several)}")
+
+
 def gather(path: Path, shapes: list[Shape]) -> Polyhedra:
     """Return the shapes as flat arrays, or raise `FileFormatError` where there is none."""
     if not shapes:
@@ -62,30 +71,38 @@ def placed(
     return Packing(shapes, positions, quaternions, densities, domain or _box_around(shapes, positions))
 
 
-def from_soup(path: Path, corners: NDArray[np.float32], grain_of: NDArray[np.int64], length: float = 1.0) -> Packing:
-    """Return triangles in the world as a packing; corners of one grain that are equal to the bit are one vertex.
+def from_soup(
+    path: Path,
+    corners: NDArray[np.float32],
+    offsets: NDArray[np.int64],
+    grain_of: NDArray[np.int64],
+    length: float = 1.0,
+) -> Packing:
+    """Return polygons in the world as a packing; corners of one grain that are equal to the bit are one vertex.
 
     Parameters
     ----------
     path : Path
         Where they are from.
-    corners : ndarray of float32, shape (m, 3, 3)
-        Corners of the triangles.
+    corners : ndarray of float32, shape (c, 3)
+        Corners of the polygons, one after another.
+    offsets : ndarray of int64, shape (m + 1,)
+        Corners of polygon i are ``corners[offsets[i]:offsets[i + 1]]``.
     grain_of : ndarray of int64, shape (m,)
-        Grain of each triangle, from 0 without gaps, not falling.
+        Grain of each polygon, from 0 without gaps, not falling.
     length : float
         What length [m] is one.
     """
-    if not len(corners):
-        raise FileFormatError(f"{path}: holds no triangles")
+    if not len(grain_of):
+        raise FileFormatError(f"{path}: holds no faces")
     n = int(grain_of[-1]) + 1
     # Rows of numbers that sort as one: the grain, then the bits of the coordinates. Zero has two signs; it gets one.
-    rows = np.empty((corners.shape[0] * 3, 4), dtype=np.int64)
-    rows[:, 0] = np.repeat(grain_of, 3)
-    rows[:, 1:] = (corners.reshape(-1, 3).astype(np.float32) + np.float32(0.0)).view(np.int32)
+    rows = np.empty((len(corners), 4), dtype=np.int64)
+    rows[:, 0] = np.repeat(grain_of, np.diff(offsets))
+    rows[:, 1:] = (corners.astype(np.float32) + np.float32(0.0)).view(np.int32)
     vertices, first, index = np.unique(rows, axis=0, return_index=True, return_inverse=True)
     vertex_offsets = offsets_from_counts(np.bincount(vertices[:, 0], minlength=n))
-    points = corners.reshape(-1, 3).astype(np.float64)[first] * length
+    points = corners.astype(np.float64)[first] * length
     owner = owners(vertex_offsets)
     sums = np.stack([np.bincount(owner, points[:, k], n) for k in range(3)], axis=1)
     positions: Floats = sums / np.diff(vertex_offsets)[:, None]
@@ -93,11 +110,17 @@ def from_soup(path: Path, corners: NDArray[np.float32], grain_of: NDArray[np.int
         points - positions[owner],
         vertex_offsets,
         offsets_from_counts(np.bincount(grain_of, minlength=n)),
-        (index.ravel() - np.repeat(vertex_offsets[grain_of], 3)).astype(np.int32),
-        3 * np.arange(len(corners) + 1),
+        (index.ravel() - vertex_offsets[rows[:, 0]]).astype(np.int32),
+        offsets,
     )
     shapes, positions = _about_centroids(shapes, positions)
     return placed(shapes, positions, identity_quaternions(n), QUARTZ_DENSITY * volumes(shapes))
+
+
+def unit_of(line: str) -> float:
+    """Return what length [m] is one, as our writers say in the first line where it is not a metre."""
+    found = re.search(r"\bunit (\d+(?:\.\d+)?(?:e[-+]?\d+)?) m\b", line)
+    return float(found[1]) if found else 1.0
 
 
 def _about_centroids(shapes: Polyhedra, positions: Floats) -> tuple[Polyhedra, Floats]:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from exporters.meshes.stl import RECORD
-from exporters.reading.rebuild import from_soup
+from exporters.meshes.stl import RECORD, TABLE
+from exporters.reading.pieces import connected, places, tell, within
+from exporters.reading.rebuild import from_soup, unit_of
 from grainsdem.errors import FileFormatError
 from grainsdem.ragged import owners
 
@@ -24,51 +24,65 @@ ROUNDINGS = 1
 
 
 def read(path: Path) -> Packing:
-    """Read an STL file; binary with the table of grains beside it, where there is one.
+    """Read an STL file; binary with the table of triangles beside it, where there is one.
 
-    Without the table, triangles that share a vertex are of one grain.
+    Without the table triangles that share a vertex are of one grain, in ASCII those of one ``solid``.
     """
     content = path.read_bytes()
     n = int.from_bytes(content[80:84], "little")
     if len(content) == 84 + RECORD.itemsize * n:
         corners = np.frombuffer(content, RECORD, offset=84)["corners"]
-        table = path.with_name(f"{path.stem}.grains.csv")
-        grain_of = _from_table(table, len(corners)) if table.is_file() else _connected(corners)
-        order = np.argsort(grain_of, kind="stable")
-        return from_soup(path, corners[order], grain_of[order], _unit(content[:80].decode("latin-1")))
-    if content[:5] != b"solid":
+        table = path.with_name(path.stem + TABLE)
+        grain_of = (
+            _from_table(table, len(corners)) if table.is_file() else _pieces(corners, np.zeros(n, dtype=np.int64))
+        )
+        return _gathered(path, corners, grain_of, content[:80].decode("latin-1"))
+    text = content.decode("utf-8-sig", "replace")
+    if not text.lstrip().lower().startswith("solid"):
         raise FileFormatError(f"{path}: neither ASCII STL nor binary STL of {n} triangles; it has {len(content)} bytes")
-    text = content.decode("utf-8", "replace")
-    return from_soup(path, *_from_text(path, text), _unit(text.partition("\n")[0]))
+    corners, solids, names = _from_text(path, text)
+    grain_of = _pieces(corners, solids)
+    tell(path, "solids", names, solids, grain_of)
+    return _gathered(path, corners, grain_of, text.lstrip().partition("\n")[0])
 
 
-def _unit(line: str) -> float:
-    """Return what length [m] is one, as our writer says where it is not a metre."""
-    found = re.search(r"\bunit (\S+) m\b", line)
-    return float(found[1]) if found else 1.0
+def _gathered(path: Path, corners: NDArray[np.float32], grain_of: NDArray[np.int64], head: str) -> Packing:
+    """Return triangles as a packing, those of a grain brought together."""
+    order = np.argsort(grain_of, kind="stable")
+    offsets = 3 * np.arange(len(corners) + 1)
+    return from_soup(path, corners[order].reshape(-1, 3), offsets, grain_of[order], unit_of(head))
 
 
-def _from_text(path: Path, text: str) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """Return triangles and the number of the solid of each."""
-    numbers: list[list[str]] = []
-    grain_of: list[int] = []
-    grain = -1
-    for line in text.splitlines():
+def _pieces(corners: NDArray[np.float32], solids: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the piece of each triangle, none in two solids."""
+    offsets = 3 * np.arange(len(corners) + 1)
+    return connected(within(solids, places(corners.reshape(-1, 3)), offsets), offsets)
+
+
+def _from_text(path: Path, text: str) -> tuple[NDArray[np.float32], NDArray[np.int64], list[str]]:
+    """Return triangles, the number of the solid of each, and the names of the solids."""
+    points: list[tuple[float, float, float]] = []
+    solid_of: list[int] = []
+    names: list[str] = []
+    for number, line in enumerate(text.splitlines(), 1):
         words = line.split()
-        if not words:
-            continue
-        if words[0] == "solid":
-            grain += 1
-        elif words[0] == "vertex":
-            numbers.append(words[1:4])
-        elif words[0] == "endfacet":
-            grain_of.append(grain)
-    try:
-        corners = np.array(numbers, dtype=np.float32).reshape(len(grain_of), 3, 3)
-    except ValueError as error:
-        raise FileFormatError(f"{path}: not three vertices of three numbers in every facet") from error
-    _, dense = np.unique(np.array(grain_of, dtype=np.int64), return_inverse=True)
-    return corners, dense
+        # Words may be in capitals, names keep theirs.
+        word = words[0].lower() if words else ""
+        if word == "solid":
+            names.append(" ".join(words[1:]) or "without a name")
+        elif word == "vertex":
+            try:
+                points.append((float(words[1]), float(words[2]), float(words[3])))
+            except (ValueError, IndexError) as error:
+                raise FileFormatError(f"{path}, line {number}: a vertex has three numbers; got {words[1:]}") from error
+        elif word == "endfacet":
+            solid_of.append(len(names) - 1)
+            if len(points) != 3 * len(solid_of):
+                raise FileFormatError(f"{path}, line {number}: a facet has three vertices")
+    with np.errstate(over="ignore"):  # beyond single precision it is infinite, which validation names
+        corners = np.array(points, dtype=np.float64).astype(np.float32).reshape(len(solid_of), 3, 3)
+    used, dense = np.unique(np.array(solid_of, dtype=np.int64), return_inverse=True)
+    return corners, dense.ravel(), [names[k] for k in used]
 
 
 def _from_table(table: Path, n_triangles: int) -> NDArray[np.int64]:
@@ -81,20 +95,3 @@ def _from_table(table: Path, n_triangles: int) -> NDArray[np.int64]:
     if first[0] != 0 or (counts < 1).any() or (np.diff(offsets) != counts).any():
         raise FileFormatError(f"{table}: its grains are not those of the {n_triangles} triangles beside it")
     return owners(offsets)
-
-
-def _connected(corners: NDArray[np.float32]) -> NDArray[np.int64]:
-    """Return the component of each triangle, numbered by its first."""
-    from scipy.sparse import coo_array  # noqa: PLC0415  (a third of a second)
-    from scipy.sparse.csgraph import connected_components  # noqa: PLC0415  (the same)
-
-    m = len(corners)
-    _, index = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
-    n = int(index.max(initial=-1)) + 1
-    edges = (np.ones(3 * m), (np.repeat(np.arange(m), 3), m + index.ravel()))
-    _, labels = connected_components(coo_array(edges, shape=(m + n, m + n)), directed=False)
-    _, first, dense = np.unique(labels[:m], return_index=True, return_inverse=True)
-    ranks = np.empty(len(first), dtype=np.int64)
-    ranks[np.argsort(first)] = np.arange(len(first))
-    result: NDArray[np.int64] = ranks[dense.ravel()]
-    return result

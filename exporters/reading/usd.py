@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from exporters.reading.rebuild import Shape, gather, placed
+from exporters.reading.rebuild import Shape, gather, placed, refuse_several
 from grainsdem.errors import FileFormatError
 from grainsdem.model import Domain
 
@@ -29,14 +29,12 @@ def read(path: Path) -> Packing:
         raise FileFormatError(f"{path}: pxr does not open it: {str(error).strip().splitlines()[-1].strip()}") from error
     length, unit_mass = UsdGeom.GetStageMetersPerUnit(stage), UsdPhysics.GetStageKilogramsPerUnit(stage)
     cache = UsdGeom.XformCache()
+    bodies = [prim for prim in stage.Traverse() if prim.HasAPI(UsdPhysics.RigidBodyAPI)]
+    found = [(body, prim) for body in bodies for prim in Usd.PrimRange(body) if prim.IsA(UsdGeom.Mesh)]
+    refuse_several(path, [str(body.GetPath()) for body, _ in found])
     shapes, positions, quaternions, masses = [], [], [], []
-    for body in stage.Traverse():
-        if not body.HasAPI(UsdPhysics.RigidBodyAPI):
-            continue
-        meshes = [UsdGeom.Mesh(prim) for prim in Usd.PrimRange(body) if prim.IsA(UsdGeom.Mesh)]
-        if not meshes:
-            continue
-        shapes.append(_shape(meshes[0], length))
+    for body, mesh in found:
+        shapes.append(_shape(UsdGeom.Mesh(mesh), length))
         pose = cache.GetLocalToWorldTransform(body)
         turn = pose.ExtractRotationQuat()
         positions.append([x * length for x in pose.ExtractTranslation()])
