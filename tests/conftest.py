@@ -1,4 +1,4 @@
-"""Packings that many tests share, each made once."""
+"""Which tests run where, and packings that many of them share, each made once."""
 
 from __future__ import annotations
 
@@ -7,27 +7,75 @@ import os
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
+from filelock import FileLock
+from hypothesis import HealthCheck, settings
 
 from grainsdem.model import Domain, Packing, Polyhedra
 from grainsdem.packing import carve, shrink, shuffle
 from grainsdem.points import poisson
 from grainsdem.tessellation import relax, tessellate
 
+# The clock judges no test: a busy machine is not a failure.
+settings.register_profile("repeatable", derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile("random", settings.get_profile("repeatable"), derandomize=False, print_blob=True)
+settings.load_profile("repeatable")
+
+NOT_BROUGHT = {"program", "environment"}
+"""Fixtures of what `pip install ".[all,test]"` does not bring; what asks for one of them has the marker `programs`."""
+
+MOST_WORKERS = 4
+"""Processes that share the whole suite at most: each takes half a gigabyte and compiles kernels of its own."""
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_cmdline_main(config):
+    """Share the whole suite out among processes, a file to each, unless `-n` says otherwise; a part runs in one."""
+    option = config.option
+    is_whole = {Path(argument).resolve() for argument in config.args} == {Path(__file__).parent}
+    is_free = config.pluginmanager.hasplugin("xdist") and not hasattr(config, "workerinput")
+    if is_whole and is_free and option.numprocesses is None and not option.usepdb:
+        workers = config.hook.pytest_xdist_auto_num_workers(config=config)
+        option.numprocesses, option.dist = min(workers, MOST_WORKERS), "loadfile"
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    """Mark what needs other programs or environments, so that no test of them can forget to say so."""
+    for item in items:
+        if NOT_BROUGHT & set(item.fixturenames):
+            item.add_marker("programs")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport():
+    return demanded((yield))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report():
+    return demanded((yield))
+
+
+def demanded(report):
+    """Return the report, as a failure where it skips and CI demands all clients: nothing skips unnoticed there."""
+    is_skip = report.skipped and not hasattr(report, "wasxfail")
+    if is_skip and os.environ.get("GRAINSDEM_CLIENTS") == "required":
+        report.outcome, report.longrepr = "failed", f"GRAINSDEM_CLIENTS=required, but {report.longrepr}"
+    return report
+
 
 @pytest.fixture(scope="session")
 def program():
-    """A function that returns the path of a client program; where CI demands them all, a missing one is a failure."""
+    """A function that returns the path of a client program."""
 
     def find(name, package):
         path = shutil.which(name)
         if path is None:
-            message = f"{name} is not installed: apt-get install {package}"
-            if os.environ.get("GRAINSDEM_CLIENTS") == "required":
-                pytest.fail(message)
-            pytest.skip(message)
+            pytest.skip(f"{name} is not installed: apt-get install {package}")
         return path
 
     return find
@@ -35,29 +83,27 @@ def program():
 
 @pytest.fixture(scope="session")
 def environment(request):
-    """A function that returns the Python of an environment with packages that ours cannot have, made once a checkout.
-
-    Where CI demands all clients, one that cannot be made is a failure.
-    """
+    """A function that returns the Python of an environment with packages that ours cannot have; a checkout keeps it."""
 
     def find(name, *packages):
-        mark = hashlib.sha256(" ".join(packages).encode()).hexdigest()[:12]
-        folder = request.config.cache.mkdir(f"environment-{name}-{mark}")
+        mark = hashlib.sha256(" ".join([sys.version, *packages]).encode()).hexdigest()[:12]
+        folder = request.config.rootpath / ".environments" / f"{name}-{mark}"
         python, ready = folder / "bin" / "python", folder / "ready"
-        if not ready.is_file():
-            commands = [
-                [sys.executable, "-m", "venv", "--clear", folder],
-                [python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *packages],
-            ]
-            try:
-                for command in commands:
-                    subprocess.run(command, check=True, capture_output=True, text=True, timeout=600)
-            except (OSError, subprocess.SubprocessError) as error:
-                message = f"an environment with {', '.join(packages)} cannot be made: {getattr(error, 'stderr', error)}"
-                if os.environ.get("GRAINSDEM_CLIENTS") == "required":
-                    pytest.fail(message)
-                pytest.skip(message)
-            ready.touch()
+        commands = [
+            [sys.executable, "-m", "venv", "--clear", folder],
+            [python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *packages],
+        ]
+        folder.parent.mkdir(exist_ok=True)
+        # Of two processes one makes it, and the other waits.
+        with FileLock(folder.with_suffix(".lock")):
+            if not ready.is_file():
+                try:
+                    for command in commands:
+                        subprocess.run(command, check=True, capture_output=True, text=True, timeout=600)
+                except (OSError, subprocess.SubprocessError) as error:
+                    why = getattr(error, "stderr", None) or error
+                    pytest.skip(f"an environment with {', '.join(packages)} cannot be made: {why}")
+                ready.touch()
         return str(python)
 
     return find

@@ -95,7 +95,7 @@ def stepped(python, path, n_steps=2000):
     return json.loads(run.stdout)
 
 
-@pytest.fixture(params=["3.17", "installed"])
+@pytest.fixture(params=[pytest.param("3.17", marks=pytest.mark.programs), "installed"])
 def mujoco_python(request):
     """The Python of each MuJoCo that files are for."""
     return request.getfixturevalue("newton") if request.param == "3.17" else sys.executable
