@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from filelock import FileLock
 from hypothesis import HealthCheck, settings
+from shaking import MOVING, shaking
 
 from grainsdem.model import Domain, Packing, Polyhedra
 from grainsdem.packing import carve, shrink, shuffle
@@ -66,6 +67,30 @@ def demanded(report):
     if is_skip and os.environ.get("GRAINSDEM_CLIENTS") == "required":
         report.outcome, report.longrepr = "failed", f"GRAINSDEM_CLIENTS=required, but {report.longrepr}"
     return report
+
+
+def pytest_addoption(parser):
+    parser.addoption(
+        "--shake",
+        type=int,
+        default=0,
+        metavar="N",
+        help="run each test of grains in motion N times more, every start moved by a billionth of a diameter",
+    )
+
+
+def pytest_generate_tests(metafunc):
+    n = metafunc.config.getoption("shake")
+    if n and metafunc.module.__name__.startswith(MOVING):
+        metafunc.parametrize("shake", range(n + 1), indirect=True, scope="module")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def shake(request):
+    """The number of the shake under which a test runs, 0 for none; a fixture of wider scope that moves grains asks."""
+    number = getattr(request, "param", 0)
+    with shaking(number):
+        yield number
 
 
 @pytest.fixture(scope="session")

@@ -24,7 +24,7 @@ RECIPE = recipes.make(
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory):
+def made(tmp_path_factory, shake):
     """What the recipe made, and where."""
     folder = tmp_path_factory.mktemp("chain")
     return recipes.run(RECIPE, folder), folder

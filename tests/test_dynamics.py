@@ -28,7 +28,7 @@ advance_as_ever = Run._advance
 
 
 @pytest.fixture(scope="module")
-def settled(poured):
+def settled(poured, shake):
     """The poured grains at rest."""
     return settle(poured)
 

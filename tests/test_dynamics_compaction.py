@@ -28,12 +28,12 @@ def few():
 
 
 @pytest.fixture(scope="module")
-def pressed(few):
+def pressed(few, shake):
     return compact(few, pressure=2e4, rng=1)
 
 
 @pytest.fixture(scope="module")
-def smoothly_pressed(few):
+def smoothly_pressed(few, shake):
     return compact(few, pressure=2e4, rng=1, compaction_friction=0.0)
 
 
@@ -101,7 +101,7 @@ def test_planar_beds_and_spheres_are_compacted_too(few):
 
 
 @pytest.fixture(scope="module")
-def tapped(few):
+def tapped(few, shake):
     return tap(few, taps=4, rng=1)
 
 

@@ -14,7 +14,7 @@ from grainsdem.storage import load_history
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory):
+def runs(tmp_path_factory, shake):
     """The same two runs, stepped together, and each in a process of its own."""
     grains, options = grow(12), {"strain": 0.02, "inertial_number": 0.05, "seeds": [4, 7]}
     folder = tmp_path_factory.mktemp("ensemble")

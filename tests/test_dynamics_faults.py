@@ -37,7 +37,7 @@ def heap():
 
 
 @pytest.fixture(scope="module")
-def whole(heap, tmp_path_factory):
+def whole(heap, tmp_path_factory, shake):
     """The run that nothing interrupts, and its history's path."""
     path = tmp_path_factory.mktemp("whole") / "history.h5"
     return settle(heap, history_path=path), path

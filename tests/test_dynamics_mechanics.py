@@ -18,7 +18,7 @@ WEIGHT = 8 * 1000.0 * GRAVITY
 
 
 @pytest.fixture(scope="module")
-def stack():
+def stack(shake):
     """The instant of three cubes on each other that are at rest."""
     cubes = cube_packing(
         [[3.0, 3.0, 1.0], [3.0, 3.0, 3.0], [3.0, 3.0, 5.0]], domain=Domain.box((6.0, 6.0, 8.0)), density=1000.0

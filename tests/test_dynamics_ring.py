@@ -13,7 +13,7 @@ STRESS = 5e3
 
 
 @pytest.fixture(scope="module")
-def sheared():
+def sheared(shake):
     """A ring of spheres, which roll and are quick."""
     return ring_shear(
         grow(220), normal_stress=STRESS, strain=2.0, inertial_number=0.05, friction=0.5, spheres=True, rng=1

@@ -28,7 +28,7 @@ def flat():
 
 
 @pytest.fixture(scope="module")
-def rained(fresh):
+def rained(fresh, shake):
     return settle(fresh, start="rain", rng=1)
 
 

@@ -22,7 +22,7 @@ def grains():
 
 
 @pytest.fixture(scope="module")
-def sheared(grains, tmp_path_factory):
+def sheared(grains, tmp_path_factory, shake):
     path = tmp_path_factory.mktemp("triaxial") / "history.h5"
     return triaxial(
         grains, confining_pressure=PRESSURE, strain=0.08, inertial_number=0.04, rng=3, history_path=path

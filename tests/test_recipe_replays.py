@@ -9,7 +9,7 @@ from grainsdem.storage import load, load_history
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory):
+def made(tmp_path_factory, shake):
     """A small bed that falls a little and is tapped once, with all replays."""
     recipe = recipes.make(
         domain={"lengths": [5, 5, 5]},
