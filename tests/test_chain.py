@@ -14,10 +14,10 @@ from grainsdem import recipe as recipes
 pytestmark = pytest.mark.client
 
 RECIPE = recipes.make(
-    name="sixty grains",
+    name="forty grains",
     rng=1,
-    domain={"lengths": [6, 6, 6]},
-    seeds={"process": "poisson", "count": 216, "relax": 2},
+    domain={"lengths": [5.3, 5.3, 5.3]},
+    seeds={"process": "poisson", "count": 150, "relax": 2},
     grains={"porosity": 0.4, "median_diameter": 0.72e-3},
     settle={"friction": 0.5},
 )
@@ -32,7 +32,7 @@ def made(tmp_path_factory, shake):
 
 def test_every_file_that_is_named_is_there(made):
     result, folder = made
-    assert len(result.fresh) >= 60
+    assert len(result.fresh) >= 40
     assert {path.name for path in result.files} == {path.name for path in folder.iterdir()}
     for name in (
         "bed.h5",
@@ -93,6 +93,7 @@ def test_the_settled_bed_is_random_not_a_jigsaw(made):
     assert result.summaries["settled"]["mean_coordination"] > 2
 
 
+@pytest.mark.slow
 def test_the_same_recipe_writes_the_same_bytes(made, tmp_path):
     _, folder = made
     recipes.run(RECIPE, tmp_path)

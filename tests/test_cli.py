@@ -11,6 +11,7 @@ import time
 import h5py
 import numpy as np
 import pytest
+from loading import grow
 from typer.testing import CliRunner
 
 import grainsdem
@@ -34,6 +35,13 @@ def bed(tmp_path_factory):
     result = call("generate", path, *options, "--porosity", 0.4, "--median-diameter", 0.72e-3, "--quiet")
     assert result.exit_code == 0, result.output
     return path
+
+
+@pytest.fixture(scope="module")
+def heap(tmp_path_factory):
+    """A bed of few grains, which soon come to rest."""
+    path = tmp_path_factory.mktemp("heap") / "heap.h5"
+    return grainsdem.save(grow(12), path)
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -141,11 +149,11 @@ def test_export_fills_a_folder_and_replaces_its_files_only_by_force(bed, tmp_pat
     assert call(*words, "--force").exit_code == 0
 
 
-def test_settle_writes_a_packing_and_a_history(bed, tmp_path):
-    result = call("settle", bed, tmp_path / "settled.h5", "--history", tmp_path / "history.h5", "--json")
+def test_settle_writes_a_packing_and_a_history(heap, tmp_path):
+    result = call("settle", heap, tmp_path / "settled.h5", "--history", tmp_path / "history.h5", "--json")
     assert result.exit_code == 0, result.output
     assert json.loads(result.stdout)["at_rest"] is True
-    assert len(grainsdem.load(tmp_path / "settled.h5")) == len(grainsdem.load(bed))
+    assert len(grainsdem.load(tmp_path / "settled.h5")) == len(grainsdem.load(heap))
     assert grainsdem.load_history(tmp_path / "history.h5")["kinetic_energy"][-1] < 1e-6
 
 

@@ -7,11 +7,20 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from typer.main import get_command
+
+from grainsdem.cli import app
 
 pytestmark = pytest.mark.example
 
 ROOT = Path(__file__).parent.parent
-SCRIPTS = sorted((ROOT / "examples").glob("*.py"))
+QUICKEST = {"figure_03_12_photograph", "figure_14_sphericity"}
+"""Examples of a few seconds: one of an image, one of a tessellation. The others are slow."""
+
+SCRIPTS = [
+    pytest.param(path.stem, marks=[] if path.stem in QUICKEST else [pytest.mark.slow])
+    for path in sorted((ROOT / "examples").glob("*.py"))
+]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
@@ -30,29 +39,43 @@ def printed(tmp_path_factory):
     return run_quickly
 
 
-@pytest.mark.parametrize("script", [path.stem for path in SCRIPTS])
+@pytest.mark.parametrize("script", SCRIPTS)
 def test_every_example_runs_quickly_and_prints_something(script, printed):
     assert printed(script).strip()
 
 
+@pytest.mark.slow
 def test_poured_grains_are_looser_than_grains_left_in_place(printed):
     in_place, poured = (float(text) for text in re.findall(r"porosity (0\.\d+)", printed("pour_and_settle")))
     assert poured > in_place + 0.03
 
 
+@pytest.mark.slow
 def test_the_readmes_python_runs_as_it_stands(tmp_path):
     (code,) = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
     run("-c", code, folder=tmp_path)
     assert {path.name for path in tmp_path.iterdir()} == {"bed.usdc", "settled.h5"}
 
 
-def test_the_readmes_commands_run_as_they_stand(tmp_path):
+def commands():
+    """Return the words of each command in the README's list, without `grainsdem`."""
     section = README.split("## From the command line")[1]
-    commands = re.findall(r"^grainsdem (.*?)(?:\s*#.*)?$", section.split("```")[1], flags=re.MULTILINE)
-    assert len(commands) == 13
-    for command in commands:
-        run("-c", "from grainsdem.cli import main; main()", *command.split(), folder=tmp_path)
+    lines = re.findall(r"^grainsdem (.*?)(?:\s*#.*)?$", section.split("```")[1], flags=re.MULTILINE)
+    assert len(lines) == 13
+    return [line.split() for line in lines]
+
+
+@pytest.mark.slow
+def test_the_readmes_commands_run_as_they_stand(tmp_path):
+    for words in commands():
+        run("-c", "from grainsdem.cli import main; main()", *words, folder=tmp_path)
     assert {"bed.h5", "bed.xml", "grains.csv", "settled.h5", "settled.png"} <= {p.name for p in tmp_path.iterdir()}
+
+
+@pytest.mark.parametrize("words", commands(), ids=" ".join)
+def test_the_readmes_commands_have_the_options_that_it_gives_them(words):
+    options = {option for parameter in get_command(app).commands[words[0]].params for option in parameter.opts}
+    assert {word for word in words if word.startswith("--")} <= options
 
 
 def test_the_demos_recipe_in_the_examples_is_the_one_in_the_package():
