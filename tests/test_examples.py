@@ -79,5 +79,5 @@ def test_the_readmes_commands_have_the_options_that_it_gives_them(words):
 
 
 def test_the_demos_recipe_in_the_examples_is_the_one_in_the_package():
-    example = ROOT / "examples" / "ottawa_sand.toml"
-    assert example.read_bytes() == (ROOT / "grainsdem" / "ottawa_sand.toml").read_bytes()
+    example = ROOT / "examples" / "angular_sand.toml"
+    assert example.read_bytes() == (ROOT / "grainsdem" / "angular_sand.toml").read_bytes()

@@ -43,7 +43,7 @@ def python(code, site, **options):
 
 
 def test_one_wheel_holds_both_packages_the_example_and_the_types(unpacked):
-    for name in ("grainsdem/cli/__init__.py", "exporters/mjcf/__init__.py", "grainsdem/ottawa_sand.toml"):
+    for name in ("grainsdem/cli/__init__.py", "exporters/mjcf/__init__.py", "grainsdem/angular_sand.toml"):
         assert (unpacked / name).is_file()
     assert (unpacked / "grainsdem" / "py.typed").is_file()
     assert not (unpacked / "tests").exists()

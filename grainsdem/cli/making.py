@@ -22,7 +22,7 @@ def demo(
     json_: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Make the main example: a bed of ASTM 20/30 Ottawa sand, from seeds to grains at rest."""
+    """Make the main example: a bed of angular quartz sand of ASTM 20/30 grading, from seeds to grains at rest."""
     from grainsdem.recipe import EXAMPLE
 
     _run(EXAMPLE, folder, json_=json_, quiet=quiet)

@@ -29,7 +29,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="""Grow realistic granular material, prove that nothing overlaps, and hand it to physics.
 
-    Start with **grainsdem demo**: a bed of Ottawa sand, grown, checked, written, poured and settled.""",
+    Start with **grainsdem demo**: a bed of angular sand, grown, checked, written, poured and settled.""",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 out = Console(soft_wrap=True)

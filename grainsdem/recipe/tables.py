@@ -41,8 +41,8 @@ EXPERIMENTS = "compact", "tap", "triaxial", "shear", "collapse", "tilt"
 VIEWS = "voxels", "section", "planform"
 """The tables of what looks into a bed."""
 
-EXAMPLE = Path(__file__).parent.parent / "ottawa_sand.toml"
-"""The demo's recipe: ASTM 20/30 Ottawa sand."""
+EXAMPLE = Path(__file__).parent.parent / "angular_sand.toml"
+"""The demo's recipe: an angular quartz sand of ASTM 20/30 grading."""
 
 
 class OutputTable(Table):
