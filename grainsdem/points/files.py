@@ -10,6 +10,7 @@ import numpy as np
 
 from grainsdem.atomic import replacing
 from grainsdem.errors import FileFormatError, InputError, MissingFileError, ShapeError, name_offenders
+from grainsdem.points import text
 from grainsdem.points.check import check_seeds
 
 if TYPE_CHECKING:
@@ -28,8 +29,8 @@ def read(path: str | os.PathLike[str]) -> NDArray[np.float64]:
     Parameters
     ----------
     path : str or path-like
-        ``.txt``, ``.dat``, ``.xyz`` (blanks between columns), ``.csv`` (commas; one header line is skipped),
-        ``.npy``, or ``.npz`` (the array named ``points``, else the only one).
+        ``.txt``, ``.dat``, ``.xyz``, ``.csv``: text, see Notes; ``.npy``, or ``.npz`` (the array named ``points``, else
+        the only one).
 
     Returns
     -------
@@ -41,7 +42,17 @@ def read(path: str | os.PathLike[str]) -> NDArray[np.float64]:
     MissingFileError
         If there is no such file.
     FileFormatError
-        If the suffix is unknown or the file does not hold columns of numbers.
+        If the suffix is unknown, the file does not hold columns of numbers, or it is not clear which are meant.
+
+    Notes
+    -----
+    Text is UTF-8, or UTF-16 or -32 with a byte-order mark, its lines ended in any way. Columns are parted by blanks,
+    tabs, ``,`` or ``;``, whatever the suffix; decimals follow a point, or a comma where that parts no columns. A header
+    is a first line, or a comment, that names columns: x, y and z are found by their names (``pos_x``, ``X [mm]``,
+    ``Points:0``) and others, such as ids, left out. Without names two or three columns are coordinates, words before
+    them labels; four or more, or three the first of which counts 1, 2, 3, are refused. XYZ (the number, a comment, and
+    ``C x y z`` in each line; extended XYZ, too), Qhull's format and files that begin with the number of their points
+    are read.
     """
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
@@ -87,7 +98,9 @@ def write(seeds: ArrayLike, path: str | os.PathLike[str]) -> Path:
             header = ",".join("xyz"[: points.shape[1]])
             np.savetxt(temporary, points, fmt="%.17g", delimiter=",", header=header, comments="")
         else:
-            np.savetxt(temporary, points, fmt="%.17g")
+            # Only where x could be taken for an id: the header is one more line for other programs to stumble over.
+            is_clear = not (len(points) and text.is_counting(points[:, 0]))
+            np.savetxt(temporary, points, fmt="%.17g", header="" if is_clear else " ".join("xyz"[: points.shape[1]]))
     return target
 
 
@@ -97,6 +110,8 @@ def load_array(path: Path, name: str) -> NDArray[np.float64]:
         raise MissingFileError(f"{path}: no such file")
     try:
         return _load(path, name)
+    except FileFormatError as error:
+        raise FileFormatError(f"{path}: {error}") from error
     except (OSError, ValueError, TypeError, KeyError, EOFError, zipfile.BadZipFile) as error:
         raise FileFormatError(f"{path}: not an array of numbers: {error}") from error
 
@@ -196,18 +211,4 @@ def _load(path: Path, wanted: str) -> NDArray[np.float64]:
             if name is None:
                 raise ValueError(f"expected one array, or one named {wanted!r}; got {', '.join(names)}")
             return np.asarray(arrays[name], dtype=np.float64)
-    lines = path.read_text(encoding="utf-8").splitlines()
-    delimiter = "," if suffix == ".csv" else None
-    if lines and suffix == ".csv" and not _is_number(lines[0].split(",")[0]):
-        lines = lines[1:]
-    if not any(line.split("#")[0].strip() for line in lines):
-        return np.empty((0, 3))
-    return np.loadtxt(lines, delimiter=delimiter, dtype=np.float64, ndmin=2)
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
+    return text.positions(path.read_bytes())

@@ -194,7 +194,7 @@ def read(path: str | os.PathLike[str]) -> Recipe:
     if not path.is_file():
         raise MissingFileError(f"{path}: no such file")
     try:
-        recipe = parse(path.read_text(encoding="utf-8"))
+        recipe = parse(path.read_text(encoding="utf-8-sig"))
     except (UnicodeDecodeError, FileFormatError) as error:
         raise FileFormatError(f"{path}: {error}") from error
     recipe = recipe.model_copy(update={"seeds": recipe.seeds.beside(path.parent)})

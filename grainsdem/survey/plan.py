@@ -123,7 +123,7 @@ def read(
     if not path.is_file():
         raise MissingFileError(f"{path}: no such file")
     try:
-        tables = tomllib.loads(path.read_text(encoding="utf-8"))
+        tables = tomllib.loads(path.read_text(encoding="utf-8-sig"))  # as Notepad saves it, too
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise FileFormatError(f"{path}: not TOML: {error}") from error
     plan = tables.pop("survey", {})

@@ -158,7 +158,7 @@ def load(path: str | os.PathLike[str]) -> NDArray[np.void]:
     path = Path(path)
     if not path.is_file():
         raise MissingFileError(f"{path}: no such file")
-    header, *rows = csv.reader(io.StringIO(path.read_text(encoding="utf-8")))
+    header, *rows = csv.reader(io.StringIO(path.read_text(encoding="utf-8-sig")))
     if not rows or any(len(row) != len(header) for row in rows):
         raise FileFormatError(f"{path}: not a survey's table")
     columns = [_numbers(list(values)) for values in zip(*rows, strict=True)]
@@ -182,7 +182,7 @@ def _kept(path: Path, header: list[str], wanted: set[str]) -> dict[str, list[str
     if not path.exists():
         return {}
     try:
-        found, *rows = csv.reader(io.StringIO(path.read_text(encoding="utf-8")))
+        found, *rows = csv.reader(io.StringIO(path.read_text(encoding="utf-8-sig")))
     except (ValueError, OSError, csv.Error):
         found, rows = [], []
     whole = [row for row in rows if len(row) == len(header)]

@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 
 from grainsdem.errors import FileFormatError, InputError, MissingFileError
 from grainsdem.geometry.integrals import volumes
+from grainsdem.points import text
 from grainsdem.recipe.base import Positive, Table
 from grainsdem.tessellation import sized_cells
 
@@ -124,8 +125,7 @@ def _read(path: Path) -> Floats:
         if path.suffix.lower() == ".npy":
             values = np.asarray(np.load(path, allow_pickle=False), dtype=np.float64)
         else:
-            words = path.read_text(encoding="utf-8").replace(",", " ").split()
-            values = np.array([float(word) for word in words])
+            values = text.listed(path.read_bytes())
     except (OSError, ValueError, EOFError) as error:
         raise FileFormatError(f"{path}: not a list of numbers: {error}") from error
     if values.ndim != 1 or values.size == 0:
