@@ -4,6 +4,7 @@ import sys
 
 import numpy as np
 import pytest
+import tifffile
 from PIL import Image
 from scipy.fft import dctn
 from scipy.stats import chi2
@@ -103,6 +104,63 @@ def test_what_is_clear_is_seen_before_white(tmp_path):
     np.testing.assert_allclose(image_density(clear, light="fine"), expected, atol=1e-12)
     Image.fromarray(clear).save(tmp_path / "clear.png")
     np.testing.assert_allclose(image_density(tmp_path / "clear.png", light="fine"), expected, atol=1e-12)
+
+
+CLEAR = np.stack([np.zeros_like(RAMP)] * 3 + [255 - RAMP], axis=-1)
+"""Black that is less and less opaque to the right: before white the same as `RAMP`."""
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.uint32, np.float32, np.float64])
+@pytest.mark.parametrize("colours", [CLEAR, np.stack([RAMP] * 3 + [RAMP * 0 + 255], axis=-1)], ids=["clear", "opaque"])
+def test_colours_with_an_opacity_are_seen_in_the_same_tone_whatever_their_numbers(kind, colours):
+    white = np.iinfo(kind).max if np.issubdtype(kind, np.integer) else 1
+    given = (colours.astype(np.float64) / 255 * white).astype(kind)
+    np.testing.assert_allclose(image_density(given), image_density(RAMP), atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", [np.float64, np.float32, np.int16, np.int64, np.uint16, np.uint32])
+def test_colours_with_an_opacity_that_do_not_say_what_white_is_are_refused(kind):
+    # As floats up to 255 they were seen before a white of 1, darker than nearly every colour.
+    with pytest.raises(InputError, match=rf"got {np.dtype(kind).name} from 0 to 255: (divide by white|are they uint8)"):
+        image_density(CLEAR.astype(kind))
+    with pytest.raises(InputError, match="from -1 to 1: divide"):
+        image_density(np.concatenate([CLEAR / 255, CLEAR / -255]))
+
+
+@pytest.mark.parametrize("scale", [1, 255, -3.5])
+def test_the_scale_of_greys_and_of_colours_without_opacity_does_not_matter(scale):
+    light = "fine" if scale < 0 else "coarse"
+    for given in (RAMP * (scale / 255), np.stack([RAMP] * 3, axis=-1) * (scale / 255)):
+        np.testing.assert_allclose(image_density(given, light=light), image_density(RAMP), atol=1e-12)
+
+
+def test_truth_values_are_an_image_and_complex_or_masked_numbers_are_none():
+    np.testing.assert_array_equal(image_density(RAMP > 99), image_density(np.where(RAMP > 99, 7, 3)))
+    for given in (RAMP.astype(complex), np.ma.masked_greater(RAMP, 200)):
+        with pytest.raises(ShapeError, match="real numbers, none of them masked"):
+            image_density(given)
+
+
+@pytest.mark.client
+@pytest.mark.parametrize(
+    ("photometric", "kind"),
+    [("minisblack", k) for k in (np.uint8, np.int8, np.uint16, np.int16, np.uint32, np.int32, np.float32)]
+    + [("miniswhite", k) for k in (np.uint8, np.uint16, np.float32)],  # all that Pillow reads
+)
+def test_light_is_light_in_tiffs_that_say_that_zero_is_black_or_white(tmp_path, kind, photometric):
+    low, high = (np.iinfo(kind).min, np.iinfo(kind).max) if np.issubdtype(kind, np.integer) else (0.0, 1.0)
+    values = RAMP / 255 if photometric == "minisblack" else 1 - RAMP / 255
+    tifffile.imwrite(
+        tmp_path / "a.tif", np.clip(low + values * (float(high) - low), low, high).astype(kind), photometric=photometric
+    )
+    np.testing.assert_allclose(image_density(tmp_path / "a.tif"), image_density(RAMP), atol=0.01)
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16])
+def test_a_grey_of_a_png_that_is_clear_is_white(tmp_path, kind):
+    Image.fromarray(RAMP.astype(kind)).save(tmp_path / "a.png", transparency=0)
+    expected = np.where(RAMP == 0, float(np.iinfo(kind).max), RAMP)
+    np.testing.assert_allclose(image_density(tmp_path / "a.png"), image_density(expected), atol=1e-12)
 
 
 def test_a_camera_held_upright_is_turned(tmp_path):

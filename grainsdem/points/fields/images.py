@@ -34,6 +34,10 @@ Region = tuple[int, int, int, int]
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 
+_BITS, _PHOTOMETRIC, _SAMPLE_FORMAT = 258, 262, 339
+_WHITE_IS_ZERO, _UNSIGNED, _SIGNED = 0, 1, 2
+"""Tags of TIFF 6.0 and values of theirs."""
+
 LUMINANCE = (0.2126, 0.7152, 0.0722)
 """Shares of red, green and blue in grey, by ITU-R recommendation BT.709."""
 
@@ -111,9 +115,9 @@ def image_density(
     Parameters
     ----------
     image : str, path-like or array_like, shape (rows, columns) or (rows, columns, 3 or 4)
-        ``.png``, ``.jpg`` or ``.tif`` file, or grey values of any range, or red, green, blue and, where there are
-        four, opacity, as floats in [0, 1] or in the range of their integers; the first row is the top. What is not
-        opaque is seen before white.
+        ``.png``, ``.jpg`` or ``.tif`` file, or grey values of any range, or red, green and blue of any range, or these
+        and opacity: unsigned integers that fill the range of their type, or numbers in [0, 1]. The first row is the
+        top. What is not opaque is seen before white.
     region : four ints, optional
         First column, first row, and the column and row after the last, of the part that counts.
     low_pass : float, optional
@@ -146,7 +150,8 @@ def image_density(
     ShapeError
         If an array has another shape.
     InputError
-        If a number is out of range, the region outside the image, or all of it of one grey.
+        If a number is out of range, the region outside the image, all of it of one grey, or colours with an opacity
+        are not in their range: they would be seen before a white that is none of theirs.
     """
     if light not in ("coarse", "fine"):
         raise InputError(f"light must be 'coarse' or 'fine'; got {light!r}")
@@ -194,16 +199,33 @@ def _pixels(opened: Any, upright: Callable[[Any], Any]) -> NDArray[np.float64]:
         pages = getattr(opened, "n_frames", 1)
         if pages != 1:
             raise FileFormatError(f"an image has one page; got {pages} (a stack is read from .npy)")
+        tags = getattr(opened, "tag_v2", {})
         turned = upright(opened)
         if turned.mode in ("L", "F") or turned.mode.startswith("I"):
-            return np.asarray(turned, dtype=np.float64)
+            return _greys(np.asarray(turned), turned.mode, tags, turned.info.get("transparency"))
         is_clear = turned.mode in ("LA", "PA", "RGBA") or "transparency" in turned.info
         return np.asarray(turned.convert("RGBA" if is_clear else "RGB"), dtype=np.float64) / 255
+
+
+def _greys(values: NDArray[Any], mode: str, tags: Any, clear: int | None) -> NDArray[np.float64]:
+    """Return the grey values of a file: Pillow leaves some of what a TIFF or PNG says of them to its caller."""
+    kind, bits = tags.get(_SAMPLE_FORMAT, (_UNSIGNED,))[0], tags.get(_BITS, (0,))[0]
+    if kind == _UNSIGNED and bits == 32 and values.dtype == np.int32:
+        values = values.view(np.uint32)
+    if kind == _SIGNED and bits == 8:
+        values = values.astype(np.uint8).view(np.int8)
+    greys = values.astype(np.float64)
+    if clear is not None:  # one grey of a PNG is clear: white lies behind
+        greys[values == clear] = 255 if mode == "L" else 65535
+    # Greys of 8 bits are turned by Pillow.
+    return -greys if tags.get(_PHOTOMETRIC) == _WHITE_IS_ZERO and mode != "L" else greys
 
 
 def _grey(pixels: ArrayLike) -> NDArray[np.float64]:
     """Return the grey values, shape (rows, columns), of pixels."""
     kind = np.asarray(pixels).dtype
+    if kind.kind == "c" or np.ma.is_masked(pixels):
+        raise ShapeError("an image is an array of real numbers, none of them masked")
     try:
         values = np.asarray(pixels, dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -214,10 +236,26 @@ def _grey(pixels: ArrayLike) -> NDArray[np.float64]:
         raise InputError(f"an image must be finite; {int((~np.isfinite(values)).sum())} values are not")
     if values.ndim == 2:
         return values
-    if np.issubdtype(kind, np.integer):
-        values = values / np.iinfo(kind).max
+    is_clear = values.shape[2] == 4
+    if is_clear:
+        values = _unit(values, kind)
     grey = np.asarray(values[..., :3] @ np.array(LUMINANCE), dtype=np.float64)
-    return grey * values[..., 3] + (1.0 - values[..., 3]) if values.shape[2] == 4 else grey
+    return grey * values[..., 3] + (1.0 - values[..., 3]) if is_clear else grey
+
+
+def _unit(values: NDArray[np.float64], kind: np.dtype[Any]) -> NDArray[np.float64]:
+    """Return colours and opacity in [0, 1], on which depends what white lies behind, or raise one clear error."""
+    low, high = values.min(), values.max()
+    given = f"got {kind} from {low:g} to {high:g}"
+    if kind.kind == "u":
+        if kind.itemsize > 1 and 1 < high <= 255:
+            raise InputError(f"colours and opacity of {kind} fill its range; {given}: are they uint8?")
+        return values / np.iinfo(kind).max
+    if low < 0 or high > 1:
+        raise InputError(
+            f"colours with an opacity are unsigned integers, or numbers in [0, 1]; {given}: divide by white's value"
+        )
+    return values
 
 
 def _cropped(grey: NDArray[np.float64], region: Region | None) -> NDArray[np.float64]:
