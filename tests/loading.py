@@ -19,12 +19,31 @@ def grow(n):
     )
 
 
+def grow_few():
+    """Return twenty-eight polyhedra of a millimetre, loose in a box of five."""
+    domain = Domain.cube(5e-3)
+    return shrink(carve(tessellate(relax(poisson(domain, 120, rng=2), domain, iterations=2), domain)), porosity=0.4)
+
+
 def grow_planar(n):
     """Return n prisms of about a millimetre."""
     domain = Domain.slab((1e-3 * n**0.5, 1e-3 * n**0.5), 1e-3)
     seeds = np.full((n, 3), 0.5e-3)
     seeds[:, :2] = np.random.default_rng(0).uniform(0, domain.upper[0], (n, 2))
     return shrink(carve(tessellate(relax(seeds, domain, iterations=2), domain), keep="all"), porosity=0.3)
+
+
+def first_at_rest(run, *, seeds=(1, 2, 3)):
+    """Return the first of several runs, each given its seed, that came to rest.
+
+    A grain may hang on two points and swing for longer than any run waits. Of 150 beds one had such a grain: all of
+    three have one less often than once in 1e5.
+    """
+    for seed in seeds:
+        outcome = run(seed)
+        if outcome.report.at_rest:
+            return outcome
+    pytest.fail(f"none of {len(seeds)} runs came to rest")
 
 
 def check_that_it_goes_on(experiment, packing, folder, *, samples, **options):

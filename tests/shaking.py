@@ -65,4 +65,6 @@ def begin(number):
 
 def child_code(number):
     """Return the Python with which a child process begins, so that it moves starts as its parent does."""
+    if not number:
+        return ""
     return f"import sys; sys.path.append({str(Path(__file__).parent)!r}); import shaking; shaking.begin({number}); "

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from chance import margin
 from conftest import cube_packing
 from loading import check_that_it_goes_on, grow, grow_planar
 
@@ -31,10 +32,11 @@ def test_a_block_that_is_pushed_over_another_one_slides_at_its_friction(friction
 
 
 def test_prisms_are_sheared_in_their_plane():
-    start = grow_planar(30)
-    outcome = direct_shear(start, displacement=0.04, inertial_number=0.05, rng=1)
+    start = grow_planar(16)
+    outcome = direct_shear(start, displacement=0.02, inertial_number=0.05, rng=1)
     np.testing.assert_allclose(outcome.packing.positions[:, 2], start.positions[0, 2], atol=1e-9)
-    assert outcome.report.normal_stress == pytest.approx(1e4, rel=0.05)
+    # Of 5 beds: 1.009 ± 0.010.
+    assert outcome.report.normal_stress == pytest.approx(1e4, rel=0.01 + margin(0.01, measured=NN))
     assert 0 < outcome.report.initial_solid_fraction < 1
 
 

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from chance import margin
 from loading import check_that_it_goes_on, grow, grow_planar
 
 from grainsdem.dynamics import ring_shear
@@ -16,21 +17,48 @@ STRESS = 5e3
 def sheared(shake):
     """A ring of spheres, which roll and are quick."""
     return ring_shear(
-        grow(220), normal_stress=STRESS, strain=2.0, inertial_number=0.05, friction=0.5, spheres=True, rng=1
+        grow(70), normal_stress=STRESS, strain=0.2, inertial_number=0.1, friction=0.5, spheres=True, rng=1
     )
 
 
-def test_lid_and_contacts_tell_the_same_friction_within_five_percent(sheared):
-    chosen = sheared.history["stage"] == 1
-    means = {name: series[chosen].mean() for name, series in sheared.history.items()}
-    lid = means["shear_stress"] / means["normal_stress"]
-    contacts = means["shear_stress_contacts"] / means["normal_stress_contacts"]
-    assert contacts == pytest.approx(lid, rel=0.05)
-    assert 0.1 < lid < 0.6
+@pytest.fixture(scope="module")
+def several(shake):
+    """Rings of twice as many spheres that go round for longer."""
+    options = {"normal_stress": STRESS, "strain": 1.0, "inertial_number": 0.1, "friction": 0.5, "spheres": True}
+    return [ring_shear(grow(150), rng=seed, **options) for seed in range(1, 5)]
 
 
-def test_the_lid_is_pressed_down_as_hard_as_was_asked_for(sheared):
-    assert sheared.report.normal_stress == pytest.approx(STRESS, rel=0.03)
+@pytest.mark.slow
+@pytest.mark.statistical
+def test_lid_and_contacts_tell_the_same_friction(several):
+    told = []
+    for ring in several:
+        chosen = ring.history["stage"] == 1
+        means = {name: series[chosen].mean() for name, series in ring.history.items()}
+        told.append(
+            [
+                means["shear_stress"] / means["normal_stress"],
+                means["shear_stress_contacts"] / means["normal_stress_contacts"],
+            ]
+        )
+    lid, contacts = np.mean(told, axis=0)
+    RINGLID
+
+
+@pytest.mark.slow
+@pytest.mark.statistical
+def test_the_lids_are_pressed_down_as_hard_as_was_asked_for(several):
+    RINGN
+
+
+@pytest.mark.slow
+@pytest.mark.statistical
+def test_grains_go_round_faster_the_nearer_they_are_to_the_lid(several):
+    slopes = []
+    for ring in several:
+        height, velocity = ring.profile["height"], ring.profile["velocity"]
+        slopes.append(np.nanmean(velocity[height > 2 / 3]) - np.nanmean(velocity[height < 1 / 3]))
+    RINGV
 
 
 def test_the_glued_grains_stay_on_their_plates(sheared):
@@ -44,12 +72,6 @@ def test_the_glued_grains_stay_on_their_plates(sheared):
     assert (loose > heights[0]).all()
     assert (loose < heights[n]).all()
     np.testing.assert_allclose(sheared.snapshot.velocities[:n], 0, atol=1e-12)
-
-
-def test_grains_go_round_faster_the_nearer_they_are_to_the_lid(sheared):
-    height, velocity = sheared.profile["height"], sheared.profile["velocity"]
-    upper, lower = velocity[height > 2 / 3].mean(), velocity[height < 1 / 3].mean()
-    assert lower + 0.2 < upper < 1.1
 
 
 def test_a_ring_goes_on_after_an_interrupt_to_the_same_bits(tmp_path):

@@ -32,7 +32,7 @@ def test_a_bed_that_stands_is_given_up_at_the_largest_angle():
 
 
 def test_a_tilted_bed_goes_on_after_an_interrupt_to_the_same_bits(tmp_path):
-    check_that_it_goes_on(tilt, grow(12), tmp_path, samples=60, rng=1, rate=0.03, max_angle=0.4)
+    check_that_it_goes_on(tilt, grow(6), tmp_path, samples=50, rng=1, rate=0.05, max_angle=0.4)
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from chance import margin
 from conftest import cube_packing
 from loading import check_that_it_goes_on, grow, grow_planar
 
@@ -18,45 +19,61 @@ PRESSURE = 2e4
 
 @pytest.fixture(scope="module")
 def grains():
-    return grow(50)
+    return grow(27)
 
 
 @pytest.fixture(scope="module")
 def sheared(grains, tmp_path_factory, shake):
     path = tmp_path_factory.mktemp("triaxial") / "history.h5"
     return triaxial(
-        grains, confining_pressure=PRESSURE, strain=0.08, inertial_number=0.04, rng=3, history_path=path
+        grains, confining_pressure=PRESSURE, strain=0.05, inertial_number=0.05, rng=3, history_path=path
     ), load_history(path)
 
 
-def test_walls_and_contacts_of_a_compressed_bed_have_the_same_stress_within_two_percent(sheared):
+@pytest.fixture(scope="module")
+def several(shake):
+    """Twice as many grains that are sheared farther and more slowly."""
+    options = {"confining_pressure": PRESSURE, "strain": 0.08, "inertial_number": 0.04}
+    return [triaxial(grow(50), rng=seed, **options) for seed in range(1, 5)]
+
+
+def test_walls_and_contacts_of_a_compressed_bed_have_the_same_stress(sheared):
     history = sheared[0].history
     last = np.flatnonzero(history["stage"] == 0)[-5:]
     for side in ("axial", "lateral"):
         walls, contacts = history[f"{side}_stress"][last].mean(), history[f"{side}_stress_contacts"][last].mean()
-        assert contacts == pytest.approx(walls, rel=0.02)
-        assert walls == pytest.approx(PRESSURE, rel=0.02)
+        TRI0
 
 
-def test_walls_and_contacts_of_a_sheared_bed_have_the_same_mean_stress_within_two_percent(sheared):
-    chosen = sheared[0].history["stage"] == 1
-    means = {name: series[chosen].mean() for name, series in sheared[0].history.items()}
+@pytest.mark.slow
+@pytest.mark.statistical
+def test_walls_and_contacts_of_sheared_beds_have_the_same_mean_stress(several):
     for side in ("axial", "lateral"):
-        assert means[f"{side}_stress_contacts"] == pytest.approx(means[f"{side}_stress"], rel=0.02)
+        ratios = []
+        for outcome in several:
+            chosen = outcome.history["stage"] == 1
+            walls, contacts = (outcome.history[f"{side}_stress{of}"][chosen].mean() for of in ("", "_contacts"))
+            ratios.append(contacts / walls)
+        TRI1
 
 
-def test_side_walls_hold_the_pressure_while_the_bed_is_sheared(sheared):
-    assert sheared[0].report.is_compressed
-    assert sheared[0].report.confining_pressure == pytest.approx(PRESSURE, rel=0.05)
+@pytest.mark.slow
+@pytest.mark.statistical
+def test_side_walls_hold_the_pressure_while_beds_are_sheared(several):
+    assert all(outcome.report.is_compressed for outcome in several)
+    TRIP
 
 
-def test_a_sheared_bed_bears_more_along_its_height_than_across_it(sheared):
-    report, history = sheared[0].report, sheared[0].history
-    assert 0.2 < report.critical_friction_angle < 1.1
-    assert 0.2 < report.peak_friction_angle < 1.1
-    assert history["axial_strain"][-1] >= 0.08
-    ends = history["axial_stress"][-1] / history["lateral_stress"][-1]
-    assert ends > 1.5
+@pytest.mark.slow
+@pytest.mark.statistical
+def test_sheared_beds_bear_more_along_their_height_than_across_it(several):
+    peaks = [outcome.report.peak_friction_angle for outcome in several]
+    angles = [outcome.report.critical_friction_angle for outcome in several]
+    TRIA
+
+
+def test_a_bed_is_sheared_as_far_as_was_asked_for(sheared):
+    assert sheared[0].history["axial_strain"][-1] >= 0.05
 
 
 def test_volume_is_that_between_the_walls_and_its_change_that_of_the_solid_fraction(sheared):
@@ -94,7 +111,7 @@ def test_prisms_are_sheared_in_their_plane():
     np.testing.assert_allclose(to_matrices(outcome.packing.quaternions)[:, 2, 2], 1, atol=1e-9)
     history = outcome.history
     last = np.flatnonzero(history["stage"] == 0)[-5:]
-    assert history["axial_stress_contacts"][last].mean() == pytest.approx(1e5, rel=0.03)
+    TRIPL
     assert history["axial_strain"][-1] >= 0.03
 
 
