@@ -25,6 +25,8 @@ def unpacked(tmp_path_factory):
         str(ROOT),
         "--no-deps",
         "--no-build-isolation",
+        "--no-index",
+        "--disable-pip-version-check",
         "-q",
         "-w",
         str(folder),
