@@ -10,10 +10,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from grainsdem.errors import InputError, ShapeError, name_offenders
 from grainsdem.geometry.rotations import to_matrices
+from grainsdem.geometry.threads import INNER, in_blocks
 from grainsdem.ragged import offsets_from_counts, owners
 
 if TYPE_CHECKING:
@@ -40,7 +41,8 @@ def boxes(packing: Packing) -> tuple[Floats, Floats]:
         Corners [m]; a grain without vertices has the box of its position alone.
     """
     lower, upper = packing.positions.copy(), packing.positions.copy()
-    _bound(packing.grains.vertices, packing.grains.vertex_offsets, to_matrices(packing.quaternions), lower, upper)
+    g = packing.grains
+    in_blocks(_bound, len(g), g.vertices, g.vertex_offsets, to_matrices(packing.quaternions), lower, upper)
     return lower, upper
 
 
@@ -84,10 +86,10 @@ def near_pairs(lower: Floats, upper: Floats, within: float = 0.0) -> NDArray[np.
     grid = Grid(lower, upper, first, last, *_fill(first, last, bits), bits)
     counts = np.empty(n, dtype=np.int64)
     table = np.empty((n, FEW), dtype=np.int32)
-    _match(grid, within, counts, table)
+    in_blocks(_match, n, grid, within, counts, table)
     offsets = offsets_from_counts(counts)
     partners = np.empty(offsets[-1], dtype=np.int32)
-    _gather(grid, within, table, offsets, partners)
+    in_blocks(_gather, n, grid, within, table, offsets, partners)
     return np.stack([owners(offsets).astype(np.int32), partners], axis=1)
 
 
@@ -212,9 +214,17 @@ def _cover(lower: Floats, upper: Floats, within: float) -> tuple[NDArray[np.int6
         size *= 2.0
 
 
-@njit(cache=True, parallel=True)
-def _bound(vertices: Floats, vertex_offsets: NDArray[np.int64], matrices: Floats, lower: Floats, upper: Floats) -> None:
-    for i in prange(vertex_offsets.size - 1):
+@njit(cache=True, nogil=True)
+def _bound(
+    start: int,
+    stop: int,
+    vertices: Floats,
+    vertex_offsets: NDArray[np.int64],
+    matrices: Floats,
+    lower: Floats,
+    upper: Floats,
+) -> None:
+    for i in range(start, stop):
         for c in range(3):
             low, high = np.inf, -np.inf
             for k in range(vertex_offsets[i], vertex_offsets[i + 1]):
@@ -265,7 +275,7 @@ def _fill(first: NDArray[np.int64], last: NDArray[np.int64], bits: int) -> tuple
     return starts, entries
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _find_partners(grid: Grid, within: float, i: int, row: NDArray[np.int32]) -> int:
     """Fill the partners j > i of a box, as many as there is room for; return how many there are."""
     lower, upper, first, last, starts, entries, bits = grid
@@ -293,18 +303,26 @@ def _find_partners(grid: Grid, within: float, i: int, row: NDArray[np.int32]) ->
     return found
 
 
-@njit(cache=True, parallel=True)
-def _match(grid: Grid, within: float, counts: NDArray[np.int64], table: NDArray[np.int32]) -> None:
-    for i in prange(counts.size):
+@njit(cache=True, nogil=True)
+def _match(
+    start: int, stop: int, grid: Grid, within: float, counts: NDArray[np.int64], table: NDArray[np.int32]
+) -> None:
+    for i in range(start, stop):
         counts[i] = _find_partners(grid, within, i, table[i])
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, nogil=True)
 def _gather(
-    grid: Grid, within: float, table: NDArray[np.int32], offsets: NDArray[np.int64], partners: NDArray[np.int32]
+    start: int,
+    stop: int,
+    grid: Grid,
+    within: float,
+    table: NDArray[np.int32],
+    offsets: NDArray[np.int64],
+    partners: NDArray[np.int32],
 ) -> None:
     """Put the partners of all boxes one after another, in rising order; those that the table had no room for anew."""
-    for i in prange(offsets.size - 1):
+    for i in range(start, stop):
         row = partners[offsets[i] : offsets[i + 1]]
         if row.size <= table.shape[1]:
             for k in range(row.size):

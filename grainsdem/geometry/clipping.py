@@ -6,10 +6,11 @@ from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from grainsdem.errors import InputError, ShapeError
 from grainsdem.geometry.rotations import to_matrices
+from grainsdem.geometry.threads import INNER, in_blocks
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -52,7 +53,7 @@ def box_planes(lower: ArrayLike, upper: ArrayLike) -> NDArray[np.float64]:
     return np.vstack([np.column_stack([-eye, -corners[0]]), np.column_stack([eye, corners[1]])])
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _gather(i, rotation, mesh):  # type: ignore[no-untyped-def]
     """Return the turned corner points of one polyhedron, face after face, and the start of each face."""
     vertices, vertex_offsets, face_offsets, corners, corner_offsets = mesh
@@ -71,7 +72,7 @@ def _gather(i, rotation, mesh):  # type: ignore[no-untyped-def]
     return points, starts
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _cut(points, starts, plane, slack):  # type: ignore[no-untyped-def]
     """Return the part of a convex polyhedron at n · x <= d, in the same layout, closed by a cap."""
     nx, ny, nz, d = plane
@@ -126,7 +127,7 @@ def _cut(points, starts, plane, slack):  # type: ignore[no-untyped-def]
     return out[:filled], out_starts
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _volume(points, starts):  # type: ignore[no-untyped-def]
     """Return the volume of a closed polyhedron given by the corner points of its faces."""
     volume6 = 0.0
@@ -142,9 +143,9 @@ def _volume(points, starts):  # type: ignore[no-untyped-def]
     return volume6 / 6.0
 
 
-@njit(cache=True, parallel=True)
-def _clipped(mesh, rotations, positions, planes, volumes):  # type: ignore[no-untyped-def]
-    for i in prange(volumes.size):
+@njit(cache=True, nogil=True)
+def _clipped(start, stop, mesh, rotations, positions, planes, volumes):  # type: ignore[no-untyped-def]
+    for i in range(start, stop):
         points, starts = _gather(i, rotations[i], mesh)
         empty = points.shape[0] == 0
         for j in range(planes.shape[0]):
@@ -205,7 +206,7 @@ def clipped_volumes(packing: Packing, planes: ArrayLike) -> NDArray[np.float64]:
     result = np.empty(len(packing))
     g = packing.grains
     mesh = g.vertices, g.vertex_offsets, g.face_offsets, g.face_vertices, g.face_vertex_offsets
-    _clipped(mesh, to_matrices(packing.quaternions), packing.positions, half_spaces, result)
+    in_blocks(_clipped, len(packing), mesh, to_matrices(packing.quaternions), packing.positions, half_spaces, result)
     return result
 
 

@@ -5,18 +5,16 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from grainsdem.geometry.integrals import face_planes
+from grainsdem.geometry.threads import in_blocks
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from grainsdem.geometry.integrals import FacePlanes
     from grainsdem.model import Polyhedra
-
-CHUNK = 256
-"""Polyhedra that one thread takes at a time: its table of edges is made once for all of them."""
 
 
 class Defects(NamedTuple):
@@ -68,12 +66,15 @@ def find_defects(polyhedra: Polyhedra) -> Defects:
     p = polyhedra
     planes = face_planes(p)
     most = int(np.diff(p.vertex_offsets).max(initial=0))
-    _find(p.vertices, p.vertex_offsets, p.face_offsets, p.face_vertices, p.face_vertex_offsets, planes, most, result)
+    mesh = p.vertices, p.vertex_offsets, p.face_offsets, p.face_vertices, p.face_vertex_offsets
+    in_blocks(_find, n, *mesh, planes, most, result)
     return result
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, nogil=True)
 def _find(
+    start: int,
+    stop: int,
     x: NDArray[np.float64],
     vertex_offsets: NDArray[np.int64],
     face_offsets: NDArray[np.int64],
@@ -83,65 +84,62 @@ def _find(
     most: int,
     out: Defects,
 ) -> None:
-    n = vertex_offsets.size - 1
-    # numba writes from its threads into arrays, not into arrays inside a tuple.
     open_edges, inward_faces, dents, shortest_edges, smallest_faces = out
-    for block in prange((n + CHUNK - 1) // CHUNK):
-        uses = np.zeros((most, most), dtype=np.int32)
-        is_used = np.zeros(most, dtype=np.bool_)
-        for i in range(block * CHUNK, min(n, (block + 1) * CHUNK)):
-            v0, v1, f0, f1 = vertex_offsets[i], vertex_offsets[i + 1], face_offsets[i], face_offsets[i + 1]
-            is_used[: v1 - v0] = False
-            mean = np.zeros(3)
+    uses = np.zeros((most, most), dtype=np.int32)
+    is_used = np.zeros(most, dtype=np.bool_)
+    for i in range(start, stop):
+        v0, v1, f0, f1 = vertex_offsets[i], vertex_offsets[i + 1], face_offsets[i], face_offsets[i + 1]
+        is_used[: v1 - v0] = False
+        mean = np.zeros(3)
+        for k in range(v0, v1):
+            mean += x[k] / (v1 - v0)
+        bad = 0
+        for f in range(f0, f1):
+            c0, c1 = corner_offsets[f], corner_offsets[f + 1]
+            if c1 - c0 < 3:
+                bad += 1
+            for c in range(c0, c1):
+                p, q = corners[c], corners[c0 if c + 1 == c1 else c + 1]
+                uses[min(p, q), max(p, q)] += 1
+                is_used[p] = True
+                length = np.sqrt(((x[v0 + p] - x[v0 + q]) ** 2).sum())
+                shortest_edges[i] = min(shortest_edges[i], length)
+            smallest_faces[i] = min(smallest_faces[i], planes.areas[f])
+        edges = 0
+        for f in range(f0, f1):
+            c0, c1 = corner_offsets[f], corner_offsets[f + 1]
+            for c in range(c0, c1):
+                p, q = corners[c], corners[c0 if c + 1 == c1 else c + 1]
+                count = uses[min(p, q), max(p, q)]
+                if count > 0:
+                    edges += 1
+                    uses[min(p, q), max(p, q)] = 0
+                    if count != 2:
+                        bad += 1
+        used = 0
+        for k in range(v1 - v0):
+            used += is_used[k]
+        open_edges[i] = bad if bad > 0 else abs(used - edges + (f1 - f0) - 2)
+        for f in range(f0, f1):
+            if planes.areas[f] == 0.0:
+                continue
+            c0, c1 = corner_offsets[f], corner_offsets[f + 1]
+            middle = np.zeros(3)
+            longest = 0.0
+            for c in range(c0, c1):
+                p, q = v0 + corners[c], v0 + corners[c0 if c + 1 == c1 else c + 1]
+                middle += x[p] / (c1 - c0)
+                longest = max(longest, np.sqrt(((x[p] - x[q]) ** 2).sum()))
+            width = 2.0 * planes.areas[f] / longest
+            sign = 1.0
+            if (planes.normals[f] * (mean - middle)).sum() >= 0.0:
+                inward_faces[i] += 1
+                sign = -1.0
             for k in range(v0, v1):
-                mean += x[k] / (v1 - v0)
-            bad = 0
-            for f in range(f0, f1):
-                c0, c1 = corner_offsets[f], corner_offsets[f + 1]
-                if c1 - c0 < 3:
-                    bad += 1
-                for c in range(c0, c1):
-                    p, q = corners[c], corners[c0 if c + 1 == c1 else c + 1]
-                    uses[min(p, q), max(p, q)] += 1
-                    is_used[p] = True
-                    length = np.sqrt(((x[v0 + p] - x[v0 + q]) ** 2).sum())
-                    shortest_edges[i] = min(shortest_edges[i], length)
-                smallest_faces[i] = min(smallest_faces[i], planes.areas[f])
-            edges = 0
-            for f in range(f0, f1):
-                c0, c1 = corner_offsets[f], corner_offsets[f + 1]
-                for c in range(c0, c1):
-                    p, q = corners[c], corners[c0 if c + 1 == c1 else c + 1]
-                    count = uses[min(p, q), max(p, q)]
-                    if count > 0:
-                        edges += 1
-                        uses[min(p, q), max(p, q)] = 0
-                        if count != 2:
-                            bad += 1
-            used = 0
-            for k in range(v1 - v0):
-                used += is_used[k]
-            open_edges[i] = bad if bad > 0 else abs(used - edges + (f1 - f0) - 2)
-            for f in range(f0, f1):
-                if planes.areas[f] == 0.0:
-                    continue
-                c0, c1 = corner_offsets[f], corner_offsets[f + 1]
-                middle = np.zeros(3)
-                longest = 0.0
-                for c in range(c0, c1):
-                    p, q = v0 + corners[c], v0 + corners[c0 if c + 1 == c1 else c + 1]
-                    middle += x[p] / (c1 - c0)
-                    longest = max(longest, np.sqrt(((x[p] - x[q]) ** 2).sum()))
-                width = 2.0 * planes.areas[f] / longest
-                sign = 1.0
-                if (planes.normals[f] * (mean - middle)).sum() >= 0.0:
-                    inward_faces[i] += 1
-                    sign = -1.0
-                for k in range(v0, v1):
-                    beyond = 0.0
-                    square = 0.0
-                    for c in range(3):
-                        beyond += sign * planes.normals[f, c] * (x[k, c] - middle[c])
-                        square += (x[k, c] - middle[c]) ** 2
-                    if beyond > 0.0:
-                        dents[i] = max(dents[i], beyond * min(1.0, width / np.sqrt(square)))
+                beyond = 0.0
+                square = 0.0
+                for c in range(3):
+                    beyond += sign * planes.normals[f, c] * (x[k, c] - middle[c])
+                    square += (x[k, c] - middle[c]) ** 2
+                if beyond > 0.0:
+                    dents[i] = max(dents[i], beyond * min(1.0, width / np.sqrt(square)))

@@ -12,7 +12,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
+
+from grainsdem.geometry.threads import in_blocks
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -41,9 +43,10 @@ class Integrals(NamedTuple):
     inertias: NDArray[np.float64]
 
 
-@njit(cache=True, parallel=True)
-def _integrate(vertices, vertex_offsets, face_offsets, corners, corner_offsets, volumes, areas, centroids, inertias):  # type: ignore[no-untyped-def]
-    for i in prange(vertex_offsets.size - 1):
+@njit(cache=True, nogil=True)
+def _integrate(start, stop, mesh, volumes, areas, centroids, inertias):  # type: ignore[no-untyped-def]
+    vertices, vertex_offsets, face_offsets, corners, corner_offsets = mesh
+    for i in range(start, stop):
         v0 = vertex_offsets[i]
         count = vertex_offsets[i + 1] - v0
         # The vertex mean as origin keeps the signed tetrahedra small: no cancellation far from the frame's origin.
@@ -129,13 +132,14 @@ def integrate(polyhedra: Polyhedra) -> Integrals:
     n = len(polyhedra)
     result = Integrals(np.empty(n), np.empty(n), np.empty((n, 3)), np.empty((n, 3, 3)))
     p = polyhedra
-    _integrate(p.vertices, p.vertex_offsets, p.face_offsets, p.face_vertices, p.face_vertex_offsets, *result)
+    mesh = p.vertices, p.vertex_offsets, p.face_offsets, p.face_vertices, p.face_vertex_offsets
+    in_blocks(_integrate, n, mesh, *result)
     return result
 
 
-@njit(cache=True, parallel=True)
-def _face_planes(vertices, vertex_offsets, face_offsets, corners, corner_offsets, normals, heights, areas):  # type: ignore[no-untyped-def]
-    for i in prange(vertex_offsets.size - 1):
+@njit(cache=True, nogil=True)
+def _face_planes(start, stop, vertices, vertex_offsets, face_offsets, corners, corner_offsets, normals, heights, areas):  # type: ignore[no-untyped-def]
+    for i in range(start, stop):
         v0 = vertex_offsets[i]
         for f in range(face_offsets[i], face_offsets[i + 1]):
             c0, c1 = corner_offsets[f], corner_offsets[f + 1]
@@ -186,7 +190,8 @@ def face_planes(polyhedra: Polyhedra) -> FacePlanes:
     n = polyhedra.n_faces
     result = FacePlanes(np.empty((n, 3)), np.empty(n), np.empty(n))
     p = polyhedra
-    _face_planes(p.vertices, p.vertex_offsets, p.face_offsets, p.face_vertices, p.face_vertex_offsets, *result)
+    mesh = p.vertices, p.vertex_offsets, p.face_offsets, p.face_vertices, p.face_vertex_offsets
+    in_blocks(_face_planes, len(p), *mesh, *result)
     return result
 
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
-from grainsdem.geometry.pairs.bodies import CHUNK, Bodies, bodies
+from grainsdem.geometry.pairs.bodies import Bodies, bodies
 from grainsdem.geometry.pairs.gjk import FAR, OVERLAPPING, closest_points, descend, make_simplex
 from grainsdem.geometry.pairs.patches import (
     find_facing,
@@ -21,6 +21,7 @@ from grainsdem.geometry.pairs.patches import (
     take_face,
 )
 from grainsdem.geometry.pairs.penetration import along, search_edges, search_faces
+from grainsdem.geometry.threads import INNER, in_blocks
 from grainsdem.ragged import offsets_from_counts, take_indices
 
 if TYPE_CHECKING:
@@ -35,6 +36,9 @@ __all__ = ["Bodies", "Gaps", "bodies", "certify", "measure_gaps", "measure_near"
 
 TURN = 1 << 21
 """Pairs measured at a time: a third of a gigabyte of results."""
+
+PAIRS = 256
+"""Pairs that are worth a thread."""
 
 UNIT = 2.0**-53
 """Largest relative error of one rounding."""
@@ -110,7 +114,8 @@ def measure_gaps(solids: Bodies, pairs: NDArray[np.int32], offsets: Floats, limi
     result = Gaps(np.full(m, np.inf), a, b, c, d, np.zeros(m), np.zeros((m, 2), dtype=np.int8))
     room = 2 * int(np.diff(solids.corner_offsets).max(initial=2)) + 8  # a clipped polygon has corners of both
     turns = _in_space(solids, pairs[:, 0])
-    _measure(solids, _plain(pairs, np.int32), _plain(offsets, np.float64), turns, float(limit), room, result)
+    pairs, offsets = _plain(pairs, np.int32), _plain(offsets, np.float64)
+    in_blocks(_measure, m, solids, pairs, offsets, turns, float(limit), room, result, least=PAIRS)
     return result
 
 
@@ -163,7 +168,8 @@ def certify(solids: Bodies, pairs: NDArray[np.int32], offsets: Floats) -> tuple[
     """
     normals = np.zeros((len(pairs), 3))
     margins = np.full(len(pairs), -np.inf)
-    _certify(solids, _plain(pairs, np.int32), _plain(offsets, np.float64), normals, margins)
+    pairs, offsets = _plain(pairs, np.int32), _plain(offsets, np.float64)
+    in_blocks(_certify, len(pairs), solids, pairs, offsets, normals, margins, least=PAIRS)
     return normals, margins
 
 
@@ -182,8 +188,10 @@ def _plain(array: NDArray[Any], dtype: type) -> NDArray[Any]:
     return np.require(array, dtype, ["C", "W"])
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, nogil=True)
 def _measure(
+    start: int,
+    stop: int,
     solids: Bodies,
     pairs: NDArray[np.int32],
     offsets: Floats,
@@ -192,31 +200,12 @@ def _measure(
     room: int,
     out: Gaps,
 ) -> None:
-    m = len(pairs)
-    # numba's threads write into arrays, not into arrays inside a tuple: they get a tuple of their own.
-    gaps, normals, firsts, seconds, centres, areas, features = out
-    for block in prange((m + CHUNK - 1) // CHUNK):
-        start, stop = block * CHUNK, min(m, (block + 1) * CHUNK)
-        part = Gaps(gaps, normals, firsts, seconds, centres, areas, features)
-        _measure_block(solids, pairs, offsets, turns[start:stop], limit, room, part)
-
-
-@njit(cache=True)
-def _measure_block(
-    solids: Bodies,
-    pairs: NDArray[np.int32],
-    offsets: Floats,
-    turns: NDArray[np.int64],
-    limit: float,
-    room: int,
-    out: Gaps,
-) -> None:
-    """Measure the pairs of one block, with scratch of its own."""
+    """Measure the pairs of one block of turns, with scratch of its own."""
     simplex, patch = make_simplex(), make_patch(room)
     pa, pb = np.empty(3), np.empty(3)
     picked, segments = np.empty(2, dtype=np.int64), np.empty((4, 3))
     n = simplex.nearest
-    for row in turns:
+    for row in turns[start:stop]:
         a, b = pairs[row, 0], pairs[row, 1]
         t = offsets[row]
         # Most grains of a fresh packing face each other with parallel faces: their planes prove their distance.
@@ -263,7 +252,7 @@ def _measure_block(
                 _keep_patch(row, height, area if min(corners_a, corners_b) >= 3 else 0.0, n, patch, out)
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _keep(row: int, gap: float, n: Floats, corners_a: int, corners_b: int, out: Gaps) -> None:
     """Write down a gap, its normal and what touches what."""
     out.gaps[row] = gap
@@ -273,7 +262,7 @@ def _keep(row: int, gap: float, n: Floats, corners_a: int, corners_b: int, out: 
         out.normals[row, c] = n[c]
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _keep_patch(row: int, height: float, area: float, n: Floats, patch: Patch, out: Gaps) -> None:
     """Write down a shared patch's area, and its centre at a height along the normal."""
     out.areas[row] = area
@@ -281,7 +270,7 @@ def _keep_patch(row: int, height: float, area: float, n: Floats, patch: Patch, o
         out.centres[row, c] = patch.centre[0] * patch.across[c] + patch.centre[1] * patch.up[c] + height * n[c]
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _solve_near(
     solids: Bodies, a: int, b: int, t: Floats, pa: Floats, pb: Floats, apart: float, n: Floats,
     picked: NDArray[np.int64], segments: Floats,
@@ -314,7 +303,7 @@ def _solve_near(
     return best
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _find_deepest(solids: Bodies, a: int, b: int, t: Floats, gap: float, n: Floats, pa: Floats, pb: Floats) -> None:
     """Fill the deepest points of bodies whose shortest way out is along a face normal of one of them."""
     x, normals = solids.vertices, solids.normals
@@ -336,16 +325,9 @@ def _find_deepest(solids: Bodies, a: int, b: int, t: Floats, gap: float, n: Floa
                     pb[c] = pa[c] + gap * n[c]
 
 
-@njit(cache=True, parallel=True)
-def _certify(solids: Bodies, pairs: NDArray[np.int32], offsets: Floats, normals: Floats, margins: Floats) -> None:
-    m = len(pairs)
-    for block in prange((m + CHUNK - 1) // CHUNK):
-        _certify_block(solids, pairs, offsets, block * CHUNK, min(m, (block + 1) * CHUNK), normals, margins)
-
-
-@njit(cache=True)
-def _certify_block(
-    solids: Bodies, pairs: NDArray[np.int32], offsets: Floats, start: int, stop: int, normals: Floats, margins: Floats
+@njit(cache=True, nogil=True)
+def _certify(
+    start: int, stop: int, solids: Bodies, pairs: NDArray[np.int32], offsets: Floats, normals: Floats, margins: Floats
 ) -> None:
     """Certify the pairs of one block, with scratch of its own."""
     simplex = make_simplex()

@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
+from grainsdem.geometry.threads import in_blocks
 from grainsdem.ragged import offsets_from_counts
 
 if TYPE_CHECKING:
@@ -50,7 +51,7 @@ def triangles(polyhedra: Polyhedra, *, apexes: NDArray[np.int64] | None = None) 
     first = offsets_from_counts(np.maximum(counts - 2, 0))
     indices = np.empty((first[-1], 3), dtype=np.int32)
     apex = np.zeros(counts.size, dtype=np.int64) if apexes is None else np.asarray(apexes, dtype=np.int64)
-    _fans(polyhedra.face_vertices, starts, counts, apex, first, indices)
+    in_blocks(_fans, starts.size, polyhedra.face_vertices, starts, counts, apex, first, indices)
     return Triangles(indices, first[polyhedra.face_offsets])
 
 
@@ -68,7 +69,8 @@ def best_fans(polyhedra: Polyhedra) -> tuple[NDArray[np.int64], NDArray[np.bool_
     """Return the best apex of every face, and which faces have a triangle without area even so, shapes (n_faces,)."""
     p = polyhedra
     apexes, smallest = np.zeros(p.n_faces, dtype=np.int64), np.empty(p.n_faces)
-    _best_apexes(p.vertices, p.vertex_offsets, p.face_offsets, p.face_vertices, p.face_vertex_offsets, apexes, smallest)
+    mesh = p.vertices, p.vertex_offsets, p.face_offsets, p.face_vertices, p.face_vertex_offsets
+    in_blocks(_best_apexes, len(p), *mesh, apexes, smallest)
     return apexes, smallest == 0.0
 
 
@@ -103,16 +105,16 @@ def facets(polyhedra: Polyhedra, apexes: NDArray[np.integer]) -> Facets:
     p = polyhedra
     first = offsets_from_counts(np.maximum(np.diff(p.face_vertex_offsets) - 2, 0))
     corners, normals = np.empty((first[-1], 3, 3), dtype=np.float32), np.empty((first[-1], 3))
-    _facets(
-        p.vertices, p.vertex_offsets, p.face_offsets, p.face_vertices, p.face_vertex_offsets,
+    in_blocks(
+        _facets, len(p), p.vertices, p.vertex_offsets, p.face_offsets, p.face_vertices, p.face_vertex_offsets,
         np.asarray(apexes, dtype=np.int64), first, corners, normals,
     )  # fmt: skip
     return Facets(corners, normals, first[p.face_offsets])
 
 
-@njit(cache=True, parallel=True)
-def _fans(corners, starts, counts, apexes, first, indices):  # type: ignore[no-untyped-def]
-    for f in prange(starts.size):
+@njit(cache=True, nogil=True)
+def _fans(start, stop, corners, starts, counts, apexes, first, indices):  # type: ignore[no-untyped-def]
+    for f in range(start, stop):
         c0, k, a = starts[f], counts[f], apexes[f]
         for t in range(k - 2):
             row = first[f] + t
@@ -121,9 +123,9 @@ def _fans(corners, starts, counts, apexes, first, indices):  # type: ignore[no-u
             indices[row, 2] = corners[c0 + (a + t + 2) % k]
 
 
-@njit(cache=True, parallel=True)
-def _best_apexes(vertices, vertex_offsets, face_offsets, corners, corner_offsets, result, areas):  # type: ignore[no-untyped-def]
-    for i in prange(vertex_offsets.size - 1):
+@njit(cache=True, nogil=True)
+def _best_apexes(start, stop, vertices, vertex_offsets, face_offsets, corners, corner_offsets, result, areas):  # type: ignore[no-untyped-def]
+    for i in range(start, stop):
         v0 = vertex_offsets[i]
         for f in range(face_offsets[i], face_offsets[i + 1]):
             c0 = corner_offsets[f]
@@ -154,9 +156,9 @@ def _best_apexes(vertices, vertex_offsets, face_offsets, corners, corner_offsets
             areas[f] = best
 
 
-@njit(cache=True, parallel=True)
-def _facets(vertices, vertex_offsets, face_offsets, corners, corner_offsets, apexes, first, out, normals):  # type: ignore[no-untyped-def]
-    for i in prange(vertex_offsets.size - 1):
+@njit(cache=True, nogil=True)
+def _facets(start, stop, vertices, vertex_offsets, face_offsets, corners, corner_offsets, apexes, first, out, normals):  # type: ignore[no-untyped-def]
+    for i in range(start, stop):
         v0 = vertex_offsets[i]
         for f in range(face_offsets[i], face_offsets[i + 1]):
             c0 = corner_offsets[f]
@@ -191,13 +193,13 @@ def vector_areas(corners: NDArray[np.float64] | NDArray[np.float32]) -> NDArray[
         Corners [m] of each triangle, counter-clockwise seen from outside; single precision is multiplied in double.
     """
     result = np.empty((len(corners), 3))
-    _vector_areas(corners, result)
+    in_blocks(_vector_areas, len(corners), corners, result)
     return result
 
 
-@njit(cache=True, parallel=True)
-def _vector_areas(corners, result):  # type: ignore[no-untyped-def]
-    for t in prange(corners.shape[0]):
+@njit(cache=True, nogil=True)
+def _vector_areas(start, stop, corners, result):  # type: ignore[no-untyped-def]
+    for t in range(start, stop):
         ax, ay, az = np.float64(corners[t, 0, 0]), np.float64(corners[t, 0, 1]), np.float64(corners[t, 0, 2])
         ux, uy, uz = corners[t, 1, 0] - ax, corners[t, 1, 1] - ay, corners[t, 1, 2] - az
         wx, wy, wz = corners[t, 2, 0] - ax, corners[t, 2, 1] - ay, corners[t, 2, 2] - az

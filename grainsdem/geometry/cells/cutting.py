@@ -31,6 +31,8 @@ from math import sqrt
 import numpy as np
 from numba import njit
 
+from grainsdem.geometry.threads import INNER
+
 UNTOUCHED, CUT, EMPTY, FULL, LOST = 0, 1, 2, 3, 5
 """What a cut did: nothing, cut, left nothing, found the work arrays too small, or met rounding too large."""
 
@@ -42,7 +44,7 @@ HOME = 13
 """Code of the image that is not shifted; (sx + 1) · 9 + (sy + 1) · 3 + sz + 1 in general."""
 
 
-@njit(cache=True)
+@njit(**INNER)
 def start_box(geo, tri, planes, tags, x, y, z, lengths, periodic, seed):  # type: ignore[no-untyped-def]
     """Make the cell of the site at (x, y, z) the box from 0 to ``lengths``; planes -x, +x, -y, +y, -z, +z.
 
@@ -82,7 +84,7 @@ def start_box(geo, tri, planes, tags, x, y, z, lengths, periodic, seed):  # type
             tri[3, t], tri[4, t], tri[5, t] = t ^ 2, t ^ 1, t ^ 4
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _flood(geo, tri, limit, seed):  # type: ignore[no-untyped-def]
     """Mark the triangles beyond ``limit`` that hang together with ``seed``; count them and the edges of their rim."""
     tri[7, 0] = seed
@@ -105,7 +107,7 @@ def _flood(geo, tri, limit, seed):  # type: ignore[no-untyped-def]
     return count, rim
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _grow_disk(geo, tri, tags, limit, seed, count):  # type: ignore[no-untyped-def]
     """Mark again, but only what keeps the marked set a disk; return its size and that of its rim."""
     for at in range(count):
@@ -149,7 +151,7 @@ def _grow_disk(geo, tri, tags, limit, seed, count):  # type: ignore[no-untyped-d
     return count, rim
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _walk_rim(tri, tags, n_planes, count):  # type: ignore[no-untyped-def]
     """List the rim of the marked set in rows 8 (triangle) and 9 (edge); return its length, −1 where it pinches."""
     t = k = -1
@@ -185,7 +187,7 @@ def _walk_rim(tri, tags, n_planes, count):  # type: ignore[no-untyped-def]
             return length
 
 
-@njit(cache=True)
+@njit(**INNER)
 def cut(geo, tri, planes, tags, n_tri, n_planes, rx, ry, rz, half, slack):  # type: ignore[no-untyped-def]
     """Cut the cell by r · x <= half and return what that did, and the new number of triangles.
 
@@ -282,7 +284,7 @@ def cut(geo, tri, planes, tags, n_tri, n_planes, rx, ry, rz, half, slack):  # ty
     return CUT, new_size
 
 
-@njit(cache=True)
+@njit(**INNER)
 def polish(geo, tri, planes, n_tri, most):  # type: ignore[no-untyped-def]
     """Move every vertex to where its three planes meet, if that is well defined and not farther than ``most``.
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from grainsdem.geometry.cells.cutting import CUT, EMPTY, FULL, HOME, LOST, cut, polish, start_box
 from grainsdem.geometry.cells.emitting import BROKEN, emit
 from grainsdem.geometry.integrals import face_planes, integrate
+from grainsdem.geometry.threads import INNER, in_blocks
 from grainsdem.model import Polyhedra
 from grainsdem.ragged import offsets_from_counts
 
@@ -26,7 +27,7 @@ WIDEST = 1e-9
 """Largest relative length that repairs may take for rounding."""
 
 CHUNK = 256
-"""Polyhedra that one task of the thread pool makes."""
+"""Polyhedra that are worth a thread."""
 
 
 class Insets(NamedTuple):
@@ -50,7 +51,7 @@ class Insets(NamedTuple):
     is_unsound: NDArray[np.bool_]
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _carve(points, normals, moves, slack, radius, work):  # type: ignore[no-untyped-def]
     """Cut the cell of one polyhedron out of a box; return status and the numbers of triangles and planes."""
     geo, tri, planes, tags = work
@@ -87,7 +88,7 @@ def _carve(points, normals, moves, slack, radius, work):  # type: ignore[no-unty
     return CUT, n_tri, n_planes
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _copy(i, mesh, v, c, batch):  # type: ignore[no-untyped-def]
     """Write a polyhedron that does not move into the buffers; return the numbers of vertices, faces and corners."""
     vertices, vertex_offsets, face_offsets, corners, corner_offsets = mesh
@@ -106,8 +107,8 @@ def _copy(i, mesh, v, c, batch):  # type: ignore[no-untyped-def]
     return n_v, f1 - f0, n_c
 
 
-@njit(cache=True)
-def _inset_block(first, last, mesh, normals, moves, starts, batch, spans, status):  # type: ignore[no-untyped-def]
+@njit(cache=True, nogil=True)
+def _inset(first, last, mesh, normals, moves, starts, batch, spans, status):  # type: ignore[no-untyped-def]
     """Inset the polyhedra from ``first`` to ``last`` with work arrays for the largest of them."""
     vertices, vertex_offsets, face_offsets = mesh[0], mesh[1], mesh[2]
     out_vertices, counts, ids, codes, out_corners = batch
@@ -156,13 +157,6 @@ def _inset_block(first, last, mesh, normals, moves, starts, batch, spans, status
             spans[i, 0], spans[i, 1], spans[i, 2] = n_v, n_f, n_c
 
 
-@njit(cache=True, parallel=True)
-def _inset(mesh, normals, moves, starts, batch, spans, status):  # type: ignore[no-untyped-def]
-    n = len(status)
-    for b in prange((n + CHUNK - 1) // CHUNK):
-        _inset_block(b * CHUNK, min((b + 1) * CHUNK, n), mesh, normals, moves, starts, batch, spans, status)
-
-
 def inset_shapes(polyhedra: Polyhedra, moves: NDArray[np.float64]) -> Insets:
     """Return convex polyhedra with each face moved inward by a distance of its own.
 
@@ -203,7 +197,8 @@ def inset_shapes(polyhedra: Polyhedra, moves: NDArray[np.float64]) -> Insets:
     )
     spans, status = np.zeros((n, 3), dtype=np.int64), np.empty(n, dtype=np.int8)
     mesh = p.vertices, p.vertex_offsets, p.face_offsets, p.face_vertices, p.face_vertex_offsets
-    _inset(mesh, face_planes(p).normals, np.asarray(moves, np.float64), starts, batch, spans, status)
+    moves = np.asarray(moves, np.float64)
+    in_blocks(_inset, n, mesh, face_planes(p).normals, moves, starts, batch, spans, status, least=CHUNK)
     vertices, vertex_offsets = _filled(starts[:-1, 0], spans[:, 0])
     faces, face_offsets = _filled(p.face_offsets[:-1], spans[:, 1])
     corners, _ = _filled(starts[:-1, 1], spans[:, 2])

@@ -18,9 +18,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from grainsdem.geometry.integrals import face_planes
+from grainsdem.geometry.threads import INNER, in_blocks
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -40,7 +41,8 @@ def boxes_on_faces(polyhedra: Polyhedra) -> Floats:
     """
     edges = np.full((len(polyhedra), 3), np.nan)
     normals = face_planes(polyhedra).normals
-    _boxes(polyhedra.vertices, polyhedra.vertex_offsets, polyhedra.face_offsets, normals, edges)
+    p = polyhedra
+    in_blocks(_boxes, len(p), p.vertices, p.vertex_offsets, p.face_offsets, normals, edges, least=64)
     return np.asarray(-np.sort(-edges, axis=1))
 
 
@@ -60,11 +62,11 @@ def rectangles(points: Floats, offsets: NDArray[np.int64]) -> Floats:
         NaN where a row has no points.
     """
     edges = np.full((offsets.size - 1, 2), np.nan)
-    _rectangles(np.ascontiguousarray(points), offsets, edges)
+    in_blocks(_rectangles, len(edges), np.ascontiguousarray(points), offsets, edges)
     return np.asarray(-np.sort(-edges, axis=1))
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _hull(points, hull):  # type: ignore[no-untyped-def]
     """Sort the points and fill their convex hull, counter-clockwise; return how many corners it has."""
     n = len(points)
@@ -94,7 +96,7 @@ def _turn(a, b, c):  # type: ignore[no-untyped-def]
     return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _rectangle(points, hull):  # type: ignore[no-untyped-def]
     """Return the edges of the smallest rectangle around points: one of its sides is on a side of their hull."""
     count = _hull(points, hull)
@@ -118,17 +120,17 @@ def _rectangle(points, hull):  # type: ignore[no-untyped-def]
     return length, width
 
 
-@njit(cache=True, parallel=True)
-def _rectangles(points, offsets, edges):  # type: ignore[no-untyped-def]
-    for i in prange(offsets.size - 1):
+@njit(cache=True, nogil=True)
+def _rectangles(start, stop, points, offsets, edges):  # type: ignore[no-untyped-def]
+    for i in range(start, stop):
         n = offsets[i + 1] - offsets[i]
         if n > 0:
             edges[i, 0], edges[i, 1] = _rectangle(points[offsets[i] : offsets[i + 1]].copy(), np.empty((n + 2, 2)))
 
 
-@njit(cache=True, parallel=True)
-def _boxes(vertices, vertex_offsets, face_offsets, normals, edges):  # type: ignore[no-untyped-def]
-    for i in prange(vertex_offsets.size - 1):
+@njit(cache=True, nogil=True)
+def _boxes(start, stop, vertices, vertex_offsets, face_offsets, normals, edges):  # type: ignore[no-untyped-def]
+    for i in range(start, stop):
         v0 = vertex_offsets[i]
         n = vertex_offsets[i + 1] - v0
         shadow = np.empty((n, 2))

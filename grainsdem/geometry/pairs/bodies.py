@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from grainsdem.geometry.integrals import face_planes
 from grainsdem.geometry.rotations import to_matrices
+from grainsdem.geometry.threads import in_blocks
 from grainsdem.model import Polyhedra
 from grainsdem.ragged import offsets_from_counts
 
@@ -16,9 +17,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from grainsdem.model import Packing
-
-CHUNK = 512
-"""Items that one thread takes at a time: its scratch arrays are made once for all of them."""
 
 
 class Bodies(NamedTuple):
@@ -68,7 +66,9 @@ def bodies(packing: Packing) -> Bodies:
     turned, corners = np.empty_like(g.vertices), np.empty_like(g.face_vertices)
     corner_offsets = np.zeros_like(g.face_vertex_offsets)
     radii = np.zeros(len(g))
-    _lay_out(
+    in_blocks(
+        _lay_out,
+        len(g),
         (g.vertices, g.vertex_offsets, g.face_offsets, g.face_vertices, g.face_vertex_offsets),
         order,
         to_matrices(packing.quaternions),
@@ -82,7 +82,7 @@ def bodies(packing: Packing) -> Bodies:
     most = int(np.diff(vertex_offsets).max(initial=0))
     raw = np.empty((corners.size, 4), dtype=np.int32)
     found = np.zeros(len(g), dtype=np.int64)
-    _find_edges(face_offsets, corners, corner_offsets, corner_starts, most, raw, found)
+    in_blocks(_find_edges, len(g), face_offsets, corners, corner_offsets, corner_starts, most, raw, found)
     edge_offsets = offsets_from_counts(found)
     rows = np.arange(edge_offsets[-1]) + np.repeat(corner_starts[:-1] - edge_offsets[:-1], found)
     ranges = [_ranges(offsets, order) for offsets in (vertex_offsets, face_offsets, edge_offsets)]
@@ -116,8 +116,10 @@ def _order_in_space(positions: NDArray[np.float64]) -> NDArray[np.int64]:
     return np.argsort(key, kind="stable")
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, nogil=True)
 def _lay_out(
+    start: int,
+    stop: int,
     old: tuple[NDArray[Any], ...],
     order: NDArray[np.int64],
     matrices: NDArray[np.float64],
@@ -130,7 +132,7 @@ def _lay_out(
     """Turn the vertices and copy the corners of each grain to where its neighbours in space are."""
     vertices, vertex_offsets, face_offsets, old_corners, old_offsets = old
     vertex_starts, face_starts, corner_starts = starts
-    for k in prange(order.size):
+    for k in range(start, stop):
         i = order[k]
         r = matrices[i]
         for v in range(vertex_offsets[i + 1] - vertex_offsets[i]):
@@ -150,8 +152,10 @@ def _lay_out(
             corners[corner_starts[k] + c] = old_corners[first + c]
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, nogil=True)
 def _find_edges(
+    start: int,
+    stop: int,
     face_offsets: NDArray[np.int64],
     corners: NDArray[np.int32],
     corner_offsets: NDArray[np.int64],
@@ -161,25 +165,23 @@ def _find_edges(
     found: NDArray[np.int64],
 ) -> None:
     """List the edges that two faces share; an edge of an open mesh is left out."""
-    n = face_offsets.size - 1
-    for block in prange((n + CHUNK - 1) // CHUNK):
-        beside = np.full((most, most), -1, dtype=np.int32)
-        for i in range(block * CHUNK, min(n, (block + 1) * CHUNK)):
-            f0, f1 = face_offsets[i], face_offsets[i + 1]
-            count = 0
-            for f in range(f0, f1):
-                c0, c1 = corner_offsets[f], corner_offsets[f + 1]
-                for c in range(c0, c1):
-                    p, q = corners[c], corners[c0 if c + 1 == c1 else c + 1]
-                    other = beside[q, p]
-                    if other < 0:
-                        beside[p, q] = f - f0
-                        continue
-                    row = ends[i] + count
-                    edges[row, 0], edges[row, 1], edges[row, 2], edges[row, 3] = q, p, other, f - f0
-                    count += 1
-            found[i] = count
-            for f in range(f0, f1):
-                c0, c1 = corner_offsets[f], corner_offsets[f + 1]
-                for c in range(c0, c1):
-                    beside[corners[c], corners[c0 if c + 1 == c1 else c + 1]] = -1
+    beside = np.full((most, most), -1, dtype=np.int32)
+    for i in range(start, stop):
+        f0, f1 = face_offsets[i], face_offsets[i + 1]
+        count = 0
+        for f in range(f0, f1):
+            c0, c1 = corner_offsets[f], corner_offsets[f + 1]
+            for c in range(c0, c1):
+                p, q = corners[c], corners[c0 if c + 1 == c1 else c + 1]
+                other = beside[q, p]
+                if other < 0:
+                    beside[p, q] = f - f0
+                    continue
+                row = ends[i] + count
+                edges[row, 0], edges[row, 1], edges[row, 2], edges[row, 3] = q, p, other, f - f0
+                count += 1
+        found[i] = count
+        for f in range(f0, f1):
+            c0, c1 = corner_offsets[f], corner_offsets[f + 1]
+            for c in range(c0, c1):
+                beside[corners[c], corners[c0 if c + 1 == c1 else c + 1]] = -1

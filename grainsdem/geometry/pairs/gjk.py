@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numba import njit
 
+from grainsdem.geometry.threads import INNER
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -55,13 +57,13 @@ class Simplex(NamedTuple):
     spare: NDArray[np.float64]
 
 
-@njit(cache=True)
+@njit(**INNER)
 def make_simplex() -> Simplex:
     """Return scratch for `descend`."""
     return Simplex(np.empty((4, 3)), np.empty((4, 2), dtype=np.int64), np.empty(4), np.empty(3), np.empty(4))
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _segment(w: NDArray[np.float64], i: int, j: int, weights: NDArray[np.float64], v: NDArray[np.float64]) -> float:
     """Find the point of a segment nearest to the origin; return its squared distance."""
     dx, dy, dz = w[j, 0] - w[i, 0], w[j, 1] - w[i, 1], w[j, 2] - w[i, 2]
@@ -77,7 +79,7 @@ def _segment(w: NDArray[np.float64], i: int, j: int, weights: NDArray[np.float64
     return float(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _triangle(
     w: NDArray[np.float64], i: int, j: int, k: int, weights: NDArray[np.float64], v: NDArray[np.float64]
 ) -> float:
@@ -116,7 +118,7 @@ def _triangle(
     return _segment(w, p, q, weights, v)
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _face(f: int) -> tuple[int, int, int, int]:
     """Return the corners of a tetrahedron's face and the corner opposite."""
     if f == 0:
@@ -128,7 +130,7 @@ def _face(f: int) -> tuple[int, int, int, int]:
     return 1, 2, 3, 0
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _tetrahedron(
     w: NDArray[np.float64], weights: NDArray[np.float64], v: NDArray[np.float64], spare: NDArray[np.float64]
 ) -> float:
@@ -161,7 +163,7 @@ def _tetrahedron(
     return _triangle(w, i, j, k, weights, v)
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _nearest(n: int, simplex: Simplex) -> float:
     """Find the point of the first ``n`` points' hull nearest to the origin; return its squared distance."""
     w, weights, v = simplex.points, simplex.weights, simplex.nearest
@@ -176,7 +178,7 @@ def _nearest(n: int, simplex: Simplex) -> float:
     return _tetrahedron(w, weights, v, simplex.spare)
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _drop_unused(n: int, simplex: Simplex) -> int:
     """Keep the points that carry weight; return their number."""
     kept = 0
@@ -191,7 +193,7 @@ def _drop_unused(n: int, simplex: Simplex) -> int:
     return kept
 
 
-@njit(cache=True)
+@njit(**INNER)
 def descend(
     solids: Bodies, a: int, b: int, offset: NDArray[np.float64], limit: float, simplex: Simplex
 ) -> tuple[int, int, float]:
@@ -254,7 +256,7 @@ def descend(
     return SEPARATED, n, lower
 
 
-@njit(cache=True)
+@njit(**INNER)
 def closest_points(
     solids: Bodies, n: int, offset: NDArray[np.float64], simplex: Simplex, on_a: NDArray[np.float64],
     on_b: NDArray[np.float64],

@@ -16,13 +16,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit
 
+from grainsdem.geometry.threads import INNER
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from grainsdem.geometry.pairs.bodies import Bodies
 
 
-@njit(cache=True)
+@njit(**INNER)
 def along(solids: Bodies, a: int, b: int, t: NDArray[np.float64], nx: float, ny: float, nz: float) -> float:
     """Return how far body b lies beyond body a along a direction; negative where they overlap along it."""
     x = solids.vertices
@@ -34,14 +36,14 @@ def along(solids: Bodies, a: int, b: int, t: NDArray[np.float64], nx: float, ny:
     return float(low + (nx * t[0] + ny * t[1] + nz * t[2]) - high)
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _room(solids: Bodies, f: int, px: float, py: float, pz: float) -> float:
     """Return how deep a point lies under a face's plane."""
     n = solids.normals
     return float(solids.heights[f] - (n[f, 0] * px + n[f, 1] * py + n[f, 2] * pz))
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _try_face(
     solids: Bodies, a: int, b: int, t: NDArray[np.float64], f: int, sign: float, best: float, n: NDArray[np.float64]
 ) -> float:
@@ -56,7 +58,7 @@ def _try_face(
     return best
 
 
-@njit(cache=True)
+@njit(**INNER)
 def search_faces(
     solids: Bodies, a: int, b: int, t: NDArray[np.float64], pa: NDArray[np.float64], pb: NDArray[np.float64],
     best: float, n: NDArray[np.float64],
@@ -90,7 +92,7 @@ def search_faces(
     return best
 
 
-@njit(cache=True)
+@njit(**INNER)
 def search_edges(
     solids: Bodies, a: int, b: int, t: NDArray[np.float64], pb: NDArray[np.float64], best: float,
     n: NDArray[np.float64], picked: NDArray[np.int64],

@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from grainsdem.geometry.integrals import face_planes
 from grainsdem.geometry.raster.copies import copies, spread, turned_normals
 from grainsdem.geometry.rotations import to_matrices
+from grainsdem.geometry.threads import INNER, in_blocks
 from grainsdem.ragged import offsets_from_counts
 
 if TYPE_CHECKING:
@@ -79,19 +80,22 @@ def look_down(packing: Packing, corner: Floats, pixel: Floats, counts: tuple[int
     grains = packing.grains
     planes = face_planes(grains)
     mesh = grains.vertices, grains.vertex_offsets, grains.face_offsets, grains.face_vertices, grains.face_vertex_offsets
-    _draw(
+    in_blocks(
+        _draw,
+        starts.size - 1,
         tuple(seen),
         (np.array([corner[0], upper[1]]), pixel),
         (starts, entries, ids, centres, bounds),
         mesh,
         (turned_normals(packing, planes.normals), planes.heights),
         to_matrices(packing.quaternions),
+        least=1,
     )
     seen.heights[seen.labels == 0] = np.nan
     return seen
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _is_hidden(heights, top, r0, r1, c0, c1):  # type: ignore[no-untyped-def]
     """Whether a rectangle of pixels is all as high as ``top`` or higher."""
     for r in range(r0, r1 + 1):
@@ -101,15 +105,15 @@ def _is_hidden(heights, top, r0, r1, c0, c1):  # type: ignore[no-untyped-def]
     return True
 
 
-@njit(cache=True, parallel=True)
-def _draw(image, view, found, mesh, planes, matrices):  # type: ignore[no-untyped-def]
+@njit(cache=True, nogil=True)
+def _draw(start, stop, image, view, found, mesh, planes, matrices):  # type: ignore[no-untyped-def]
     labels, heights, faces = image
     (left, top), pixel = view[0], view[1]
     starts, entries, ids, centres, bounds = found
     vertices, vertex_offsets, face_offsets, corners, corner_offsets = mesh
     normals, distances = planes
     n_rows, n_columns = labels.shape
-    for band in prange(starts.size - 1):
+    for band in range(start, stop):
         b0, b1 = band * BAND, min((band + 1) * BAND, n_rows) - 1
         turned = np.empty((64, 3))
         for e in range(starts[band], starts[band + 1]):
@@ -203,11 +207,12 @@ def sky(heights: Floats, pixel: float, reach: float, *, wraps: tuple[bool, bool]
         margin = [(most, most) if axis == k else (0, 0) for k in range(2)]
         padded = np.pad(padded, margin, **({"mode": "wrap"} if wrap else {"constant_values": -np.inf}))
     result = np.empty_like(heights)
-    _sky(padded, most, offsets, 1.0 / (pixel * np.hypot(offsets[..., 0], offsets[..., 1])), result)
+    inverses = 1.0 / (pixel * np.hypot(offsets[..., 0], offsets[..., 1]))
+    in_blocks(_sky, len(result), padded, most, offsets, inverses, result, least=1)
     return result
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _at(heights, r, c, wraps):  # type: ignore[no-untyped-def]
     """Return the height of a pixel, that may lie beyond the map; minus infinity where the map has an end."""
     n_rows, n_columns = heights.shape
@@ -220,9 +225,9 @@ def _at(heights, r, c, wraps):  # type: ignore[no-untyped-def]
     return heights[r, c]
 
 
-@njit(cache=True, parallel=True)
-def _sky(padded, margin, offsets, inverses, result):  # type: ignore[no-untyped-def]
-    for r in prange(result.shape[0]):
+@njit(cache=True, nogil=True)
+def _sky(start, stop, padded, margin, offsets, inverses, result):  # type: ignore[no-untyped-def]
+    for r in range(start, stop):
         for c in range(result.shape[1]):
             here = padded[r + margin, c + margin]
             total = 0.0
@@ -255,13 +260,14 @@ def shadows(
     level = float(np.hypot(towards[0], towards[1]))
     if level > 0:
         direction = towards[:2] / level
-        _shadows(heights, direction, pixel * towards[2] / level, float(heights.max()), np.array(wraps), result)
+        rise, highest = pixel * towards[2] / level, float(heights.max())
+        in_blocks(_shadows, len(heights), heights, direction, rise, highest, np.array(wraps), result, least=1)
     return result
 
 
-@njit(cache=True, parallel=True)
-def _shadows(heights, direction, rise, highest, wraps, result):  # type: ignore[no-untyped-def]
-    for r in prange(heights.shape[0]):
+@njit(cache=True, nogil=True)
+def _shadows(start, stop, heights, direction, rise, highest, wraps, result):  # type: ignore[no-untyped-def]
+    for r in range(start, stop):
         for c in range(heights.shape[1]):
             # The first pixel is left out: a slope must not shade itself by its own steps.
             s = 2

@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from grainsdem.geometry.clipping import box_planes
 from grainsdem.geometry.integrals import face_planes
 from grainsdem.geometry.raster.copies import copies, spread, turned_normals
+from grainsdem.geometry.threads import in_blocks
 from grainsdem.ragged import offsets_from_counts
 
 if TYPE_CHECKING:
@@ -91,14 +92,17 @@ def label_blocks(packing: Packing, lattice: Lattice, *, most: int = BLOCK) -> It
         starts, entries = _by_layer(low - first, high - first, len(labels))
         place = lattice.lower.copy()
         place[2] += first * lattice.spacing[2]
-        _fill(
+        in_blocks(
+            _fill,
+            len(labels),
             (labels, place, lattice.spacing),
             (starts, entries, found.ids, found.centres, bounds),
             (grains.face_offsets, normals, planes.heights),
             found.slack,
+            least=1,
         )
         if len(walls):
-            _mark_outside(labels, place, lattice.spacing, walls, found.slack)
+            in_blocks(_mark_outside, len(labels), labels, place, lattice.spacing, walls, found.slack, least=1)
         yield labels
 
 
@@ -108,13 +112,13 @@ def _by_layer(low: NDArray[np.int64], high: NDArray[np.int64], n: int) -> tuple[
     return offsets_from_counts(np.bincount(layers, minlength=n)), rows[np.argsort(layers, kind="stable")]
 
 
-@njit(cache=True, parallel=True)
-def _fill(image, found, mesh, slack):  # type: ignore[no-untyped-def]
+@njit(cache=True, nogil=True)
+def _fill(start, stop, image, found, mesh, slack):  # type: ignore[no-untyped-def]
     labels, lower, spacing = image
     starts, entries, ids, centres, bounds = found
     face_offsets, normals, heights = mesh
     n_rows, n_columns = labels.shape[1], labels.shape[2]
-    for layer in prange(labels.shape[0]):
+    for layer in range(start, stop):
         lines = np.empty((64, 2))
         for e in range(starts[layer], starts[layer + 1]):
             copy = entries[e]
@@ -165,10 +169,10 @@ def _fill(image, found, mesh, slack):  # type: ignore[no-untyped-def]
                         labels[layer, row, column] = i + 1
 
 
-@njit(cache=True, parallel=True)
-def _mark_outside(labels, lower, spacing, walls, slack):  # type: ignore[no-untyped-def]
+@njit(cache=True, nogil=True)
+def _mark_outside(start, stop, labels, lower, spacing, walls, slack):  # type: ignore[no-untyped-def]
     n_columns = labels.shape[2]
-    for layer in prange(labels.shape[0]):
+    for layer in range(start, stop):
         z = lower[2] + (layer + 0.5) * spacing[2]
         for row in range(labels.shape[1]):
             y = lower[1] + (row + 0.5) * spacing[1]

@@ -5,7 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
+
+from grainsdem.geometry.threads import in_blocks
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -28,15 +30,15 @@ def count_pairs(
         Which axes, z, y and x, wrap around.
     """
     counts = np.zeros((labels.shape[0], 3), dtype=np.int64)
-    _count_pairs(labels, np.array(offset, dtype=np.int64), periodic, counts)
+    in_blocks(_count_pairs, len(labels), labels, np.array(offset, dtype=np.int64), periodic, counts, least=1)
     pairs, solid, mixed = counts.sum(axis=0).tolist()
     return pairs, solid, mixed
 
 
-@njit(cache=True, parallel=True)
-def _count_pairs(labels, offset, periodic, counts):  # type: ignore[no-untyped-def]
+@njit(cache=True, nogil=True)
+def _count_pairs(start, stop, labels, offset, periodic, counts):  # type: ignore[no-untyped-def]
     nz, ny, nx = labels.shape
-    for k in prange(nz):
+    for k in range(start, stop):
         k2 = k + offset[0]
         if periodic[0]:
             k2 %= nz
@@ -79,15 +81,15 @@ def run_lengths(rows: NDArray[np.int8], *, wraps: bool) -> tuple[Counts, Counts]
         Entry k counts the runs of k voxels. A run that the end of a row or what lies outside cuts is left out.
     """
     counts = np.zeros((64, 2, rows.shape[1] + 1), dtype=np.int64)
-    _run_lengths(rows, wraps, counts)
+    in_blocks(_run_lengths, len(counts), rows, wraps, counts, least=1)
     void, solid = counts.sum(axis=0)
     return solid, void
 
 
-@njit(cache=True, parallel=True)
-def _run_lengths(rows, wraps, counts):  # type: ignore[no-untyped-def]
+@njit(cache=True, nogil=True)
+def _run_lengths(start, stop, rows, wraps, counts):  # type: ignore[no-untyped-def]
     n_parts, n = counts.shape[0], rows.shape[1]
-    for part in prange(n_parts):
+    for part in range(start, stop):
         for r in range(part, rows.shape[0], n_parts):
             # The first run begins where the phase changes for the first time: what comes before is cut, or wraps.
             first = 1

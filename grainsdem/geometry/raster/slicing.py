@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from grainsdem.geometry.rotations import to_matrices
+from grainsdem.geometry.threads import INNER, in_blocks
 from grainsdem.ragged import offsets_from_counts, take_indices
 
 if TYPE_CHECKING:
@@ -78,7 +79,7 @@ def cut_polygons(packing: Packing, found: Copies, frame: Floats, distance: float
     return Polygons(points[indices[kept]], offsets_from_counts(counts[rows]), ids[rows], found.shifts[near[rows]])
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _sides(mesh, i, centre, matrix, frame, distance, slack):  # type: ignore[no-untyped-def]
     """Return a grain's vertices along u and v about its centre, and above the plane."""
     vertices, vertex_offsets = mesh[0], mesh[1]
@@ -217,13 +218,14 @@ def mean_widths(packing: Packing) -> Floats:
     """
     g = packing.grains
     result = np.zeros(len(packing))
-    _widths(g.vertices, g.vertex_offsets, g.face_offsets, g.face_vertices, g.face_vertex_offsets, result)
+    mesh = g.vertices, g.vertex_offsets, g.face_offsets, g.face_vertices, g.face_vertex_offsets
+    in_blocks(_widths, len(packing), *mesh, result)
     return result
 
 
-@njit(cache=True, parallel=True)
-def _widths(vertices, vertex_offsets, face_offsets, corners, corner_offsets, result):  # type: ignore[no-untyped-def]
-    for i in prange(result.size):
+@njit(cache=True, nogil=True)
+def _widths(start, stop, vertices, vertex_offsets, face_offsets, corners, corner_offsets, result):  # type: ignore[no-untyped-def]
+    for i in range(start, stop):
         v0 = vertex_offsets[i]
         f0, f1 = face_offsets[i], face_offsets[i + 1]
         c0 = corner_offsets[f0]

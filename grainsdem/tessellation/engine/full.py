@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from grainsdem.errors import GrainsDEMError, name_offenders
 from grainsdem.geometry.cells.cutting import CUT, EMPTY, FULL, HOME, LOST
 from grainsdem.geometry.cells.emitting import BROKEN, emit
+from grainsdem.geometry.threads import INNER, in_blocks
 from grainsdem.ragged import offsets_from_counts
 from grainsdem.tessellation.engine.growing import gather, grow, leaf_of
 from grainsdem.tessellation.engine.light import CHUNK, SIZE, list_arrays, work_arrays
@@ -50,10 +51,10 @@ class Cells(NamedTuple):
     shifts: NDArray[np.int8]
 
 
-@njit(cache=True, parallel=True)
-def _grow_cells(tree, frame, places, bans, ban_offsets, size, chunk, room, batch, status, tolerances):  # type: ignore[no-untyped-def]
+@njit(cache=True, nogil=True)
+def _grow_cells(first, last, tree, frame, places, bans, ban_offsets, size, chunk, room, batch, status, tolerances):  # type: ignore[no-untyped-def]
     vertices, counts, ids, codes, corners, spans = batch
-    for b in prange((len(places) + chunk - 1) // chunk):
+    for b in range(first, last):
         work = work_arrays(size)
         around, named = list_arrays()
         leaf = -1
@@ -83,8 +84,8 @@ def _grow_cells(tree, frame, places, bans, ban_offsets, size, chunk, room, batch
             c += n_c
 
 
-@njit(cache=True, parallel=True)
-def _copy_cells(rows, seeds, scale, batch, cells):  # type: ignore[no-untyped-def]
+@njit(cache=True, nogil=True)
+def _copy_cells(first, last, rows, seeds, scale, batch, cells):  # type: ignore[no-untyped-def]
     """Copy the cells in ``rows`` of a batch to their places in the final arrays."""
     vertices, counts, ids, codes, corners, spans = batch
     (
@@ -97,7 +98,7 @@ def _copy_cells(rows, seeds, scale, batch, cells):  # type: ignore[no-untyped-de
         shifts,
         corner_starts,
     ) = cells
-    for at in prange(len(rows)):
+    for at in range(first, last):
         row = rows[at]
         i = seeds[at]
         start = spans[row, 0]
@@ -125,7 +126,7 @@ def _copy_cells(rows, seeds, scale, batch, cells):  # type: ignore[no-untyped-de
                 shifts[f + k, 2] = code % 3 - 1
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _mixed(key):  # type: ignore[no-untyped-def]
     """Scatter a key over 64 bits (the finaliser of SplitMix64)."""
     key = (key ^ (key >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -133,31 +134,27 @@ def _mixed(key):  # type: ignore[no-untyped-def]
     return key ^ (key >> np.uint64(31))
 
 
-@njit(cache=True, parallel=True)
-def _imbalance(face_offsets, neighbors, shifts):  # type: ignore[no-untyped-def]
+@njit(cache=True, nogil=True)
+def _imbalance(first, last, face_offsets, neighbors, shifts, sums):  # type: ignore[no-untyped-def]
     """Sum a hash over the faces of each cell, added from one side and taken off from the other."""
-    n = len(face_offsets) - 1
-    sums = np.zeros(n, dtype=np.uint64)
-    for i in prange(n):
+    for i in range(first, last):
         total = np.uint64(0)
         for f in range(face_offsets[i], face_offsets[i + 1]):
             j = neighbors[f]
             if j < 0:
                 continue
             code = 9 * shifts[f, 0] + 3 * shifts[f, 1] + shifts[f, 2]
-            first = i < j or (i == j and code > 0)
-            low, high, turned = (i, j, HOME + code) if first else (j, i, HOME - code)
+            is_first = i < j or (i == j and code > 0)
+            low, high, turned = (i, j, HOME + code) if is_first else (j, i, HOME - code)
             hashed = _mixed(_mixed(np.uint64(low) * np.uint64(32) + np.uint64(turned)) + np.uint64(high))
-            total = total + hashed if first else total - hashed
+            total = total + hashed if is_first else total - hashed
         sums[i] = total
-    return sums
 
 
-@njit(cache=True, parallel=True)
-def _one_sided(face_offsets, neighbors, shifts):  # type: ignore[no-untyped-def]
-    """Return which faces are not seen from their other side, shape (n_faces,)."""
-    result = np.zeros(len(neighbors), dtype=np.bool_)
-    for i in prange(len(face_offsets) - 1):
+@njit(cache=True, nogil=True)
+def _one_sided(first, last, face_offsets, neighbors, shifts, result):  # type: ignore[no-untyped-def]
+    """Mark the faces that are not seen from their other side."""
+    for i in range(first, last):
         for f in range(face_offsets[i], face_offsets[i + 1]):
             j = neighbors[f]
             if j < 0:
@@ -173,7 +170,6 @@ def _one_sided(face_offsets, neighbors, shifts):  # type: ignore[no-untyped-def]
                     found = True
                     break
             result[f] = not found
-    return result
 
 
 def compilations() -> int:
@@ -204,7 +200,9 @@ def _pass(
         np.empty((n, 6), dtype=np.int64),
     )
     status = np.empty(n, dtype=np.int8)
-    _grow_cells(
+    in_blocks(
+        _grow_cells,
+        total // chunk,
         tuple(tree),
         frame.kernel,
         places,
@@ -215,6 +213,7 @@ def _pass(
         tuple(batch),
         status,
         tolerances,
+        least=1,
     )
     return batch, status
 
@@ -278,7 +277,8 @@ class _Collection:
         )
         for number, batch in enumerate(self.batches):
             seeds = np.flatnonzero(self.batch == number)
-            _copy_cells(self.row[seeds], seeds, self.frame.scale, tuple(batch), (*cells, corner_starts))
+            places = (*cells, corner_starts)
+            in_blocks(_copy_cells, seeds.size, self.row[seeds], seeds, self.frame.scale, tuple(batch), places)
         return cells
 
 
@@ -302,9 +302,13 @@ def full_cells(tree: Tree, frame: Frame) -> Cells:
         cells = collection.cells()
         sides = cells.face_offsets, cells.neighbors, cells.shifts
         # The sum needs no look at the other cell, somewhere in memory; only where it is not zero are faces looked up.
-        if _imbalance(*sides).sum(dtype=np.uint64) == 0:
+        sums = np.empty(n, dtype=np.uint64)
+        in_blocks(_imbalance, n, *sides, sums)
+        if sums.sum(dtype=np.uint64) == 0:
             return cells
-        faces = np.flatnonzero(_one_sided(*sides))
+        is_one_sided = np.zeros(len(cells.neighbors), dtype=np.bool_)
+        in_blocks(_one_sided, n, *sides, is_one_sided)
+        faces = np.flatnonzero(is_one_sided)
         seeds = np.searchsorted(cells.face_offsets, faces, side="right") - 1
         keys = cells.neighbors[faces] * np.int64(27) + (cells.shifts[faces] + 1) @ np.array([9, 3, 1])
         banned = np.concatenate([banned, np.stack([seeds, keys], axis=1)])

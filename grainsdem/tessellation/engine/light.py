@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from grainsdem.geometry.cells.cutting import CUT, FULL
+from grainsdem.geometry.threads import INNER, in_blocks
 from grainsdem.tessellation.engine.growing import gather, grow, leaf_of
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ class Moments(NamedTuple):
     energies: NDArray[np.float64]
 
 
-@njit(cache=True)
+@njit(**INNER)
 def work_arrays(size):  # type: ignore[no-untyped-def]
     """Return work arrays for a cell of up to ``size`` triangles and planes."""
     return (
@@ -56,13 +57,13 @@ def work_arrays(size):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(cache=True)
+@njit(**INNER)
 def list_arrays():  # type: ignore[no-untyped-def]
     """Return the arrays for the list of seeds around a leaf; the last entry is never counted."""
     return np.empty((5, NEAR + 1)), np.empty((3, NEAR + 1), dtype=np.int64)
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _measure(geo, tri, tags, n_tri, result):  # type: ignore[no-untyped-def]
     """Write volume, first moment and second moment about the site: signed tetrahedra over the faces' fans.
 
@@ -97,12 +98,11 @@ def _measure(geo, tri, tags, n_tri, result):  # type: ignore[no-untyped-def]
     result[4] = second / 120.0
 
 
-@njit(cache=True, parallel=True)
-def measure_cells(tree, frame, places, size, chunk, result, status):  # type: ignore[no-untyped-def]
+@njit(cache=True, nogil=True)
+def measure_cells(first, last, tree, frame, places, size, chunk, result, status):  # type: ignore[no-untyped-def]
     """Write volume, first and second moments of the cells at ``places`` of the tree, in rows by seed."""
-    n_chunks = (len(places) + chunk - 1) // chunk
     nothing = np.empty(0, dtype=np.int64)
-    for b in prange(n_chunks):
+    for b in range(first, last):
         work = work_arrays(size)
         around, named = list_arrays()
         leaf = -1
@@ -128,7 +128,8 @@ def moments(tree: Tree, frame: Frame) -> Moments:
     size, chunk = SIZE, CHUNK
     while pending.size:
         is_full = np.zeros(pending.size, dtype=bool)
-        measure_cells(tuple(tree), frame.kernel, pending, size, chunk, rows, is_full)
+        n_chunks = -(-pending.size // chunk)
+        in_blocks(measure_cells, n_chunks, tuple(tree), frame.kernel, pending, size, chunk, rows, is_full, least=1)
         pending = pending[is_full]
         size, chunk = 4 * size, 1
     volumes = rows[:, 0]

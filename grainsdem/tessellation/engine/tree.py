@@ -10,7 +10,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
+
+from grainsdem.geometry.threads import INNER, LEAST, in_blocks
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -46,7 +48,7 @@ class Tree(NamedTuple):
     depth: int
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _select(order, points, axis, first, last, middle):  # type: ignore[no-untyped-def]
     """Reorder first … last so that ``middle`` is where sorting would put it (Hoare's selection)."""
     left, right = first, last
@@ -73,7 +75,7 @@ def _select(order, points, axis, first, last, middle):  # type: ignore[no-untype
             return
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _split(points, weights, order, boxes, level, k, depth):  # type: ignore[no-untyped-def]
     """Measure node ``k`` of a level, and part its seeds along its longest axis unless it is a leaf."""
     n = len(points)
@@ -97,15 +99,12 @@ def _split(points, weights, order, boxes, level, k, depth):  # type: ignore[no-u
         _select(order, points, axis, first, last - 1, ((2 * k + 1) * n) >> (level + 1))
 
 
-@njit(cache=True, parallel=True)
-def _build(points, weights, order, boxes, depth):  # type: ignore[no-untyped-def]
-    top = min(depth, SERIAL_LEVELS)
-    for level in range(top):
-        for k in range(1 << level):
-            _split(points, weights, order, boxes, level, k, depth)
-    # One parallel loop over whole subtrees: a barrier at each level would cost more than it gives.
-    for branch in prange(1 << top):
-        for level in range(top, depth + 1):
+@njit(cache=True, nogil=True)
+def _build(first, last, points, weights, order, boxes, top, end, depth):  # type: ignore[no-untyped-def]
+    """Split what some nodes of level ``top`` hold, down to the level before ``end``."""
+    # Whole subtrees, one after another: a barrier at each level would cost more than it gives.
+    for branch in range(first, last):
+        for level in range(top, end):
             width = 1 << (level - top)
             for k in range(branch * width, (branch + 1) * width):
                 _split(points, weights, order, boxes, level, k, depth)
@@ -119,7 +118,11 @@ def build(points: NDArray[np.float64], weights: NDArray[np.float64]) -> Tree:
         depth += 1
     order = np.arange(n)
     boxes = np.zeros((2 << depth, 7))
-    _build(points, weights, order, boxes, depth)
+    top = min(depth, SERIAL_LEVELS)
+    _build(0, 1, points, weights, order, boxes, 0, top, depth)
+    # Threads are worth their start where a branch holds many seeds.
+    least = 1 if n > LEAST else 1 << top
+    in_blocks(_build, 1 << top, points, weights, order, boxes, top, depth + 1, depth, least=least)
     return Tree(order, points[order], weights[order], boxes, depth)
 
 
