@@ -17,6 +17,8 @@ import numpy as np
 import grainsdem as gd
 from grainsdem.figures.frame import BLUE, RED, drawing
 
+KEPT = "Cells at the walls are kept. The square is a face of the unit cube."
+
 
 def figure_02(folder: Path, n: int) -> None:
     """Draw two levels of a bed as it was grown, and with every grain moved within its cell."""
@@ -27,7 +29,7 @@ def figure_02(folder: Path, n: int) -> None:
     beds = {"as grown": grown, "moved": moved}
     cuts = [gd.section(bed, z=level) for bed in beds.values() for level in (0.35, 0.65)]
     titles = [f"{name}, z = {level}" for name in beds for level in (0.35, 0.65)]
-    gd.figures.section_figure(cuts, folder / "figure_02.png", titles=titles)
+    gd.figures.section_figure(cuts, folder / "figure_02.png", titles=titles, note=KEPT)
     print("figure 2        porosity  throats: mean  standard deviation")
     for name, bed in beds.items():
         widths = gd.throat_widths(bed)
@@ -62,7 +64,7 @@ def figure_06(folder: Path, n: int) -> None:
             f"{np.mean(inside['n_corners'] == 6):15.3f} {gd.sphericities(cells.grains).mean():11.3f}"
             f"{number / expected:15.3f}"
         )
-    gd.figures.section_figure(cuts, folder / "figure_06.png", titles=list(models), columns=3)
+    gd.figures.section_figure(cuts, folder / "figure_06.png", titles=list(models), columns=3, note=KEPT)
 
 
 def figure_09(folder: Path, children: list[int], spread: float, name: str) -> None:
@@ -75,7 +77,9 @@ def figure_09(folder: Path, children: list[int], spread: float, name: str) -> No
         beds.append(gd.shrink(gd.carve(gd.tessellate(seeds, domain), keep="all"), scale=0.93))
     letters = "abcdefghi"
     titles = [f"({a}) λ = {count}: {len(bed)} grains" for a, count, bed in zip(letters, children, beds, strict=False)]
-    gd.figures.section_figure([gd.section(bed, z=0.5) for bed in beds], folder / f"{name}.png", titles=titles)
+    note = f"{KEPT} Crosses: the six parents as seen from above, smaller the farther from the plane."
+    cuts = [gd.section(bed, z=0.5) for bed in beds]
+    gd.figures.section_figure(cuts, folder / f"{name}.png", titles=titles, marks=parents, note=note)
     print(f"σ² = {spread**2:.3g}: λ   grains  in the section  mean diameter  sd / mean")
     for count, bed in zip(children, beds, strict=True):
         d = gd.diameters(bed.grains)

@@ -3,8 +3,9 @@
 Natural sands have the void ratio e = 1.6 - 0.86 S in their loosest state, S the mean sphericity (Cho, Dodds and
 Santamarina 2006). One survey grows beds by seven models and many numbers of seeds, and shrinks each until it lies on
 that line: once with the void of the grains' own cells, and once with that of the whole cube, in which cells removed at
-the walls count as void. Left: where the beds lie on the line. Right: the F that put them there. Writes a picture and
-the survey's table; what an interrupted run has is kept. Run with ``--quick`` for small beds.
+the walls count as void. (a) Where the beds lie on the line; (b) the F that put them there, of the cells; (c) that of
+the cube. Writes a picture and the survey's table; what an interrupted run has is kept. Run with ``--quick`` for small
+beds.
 """
 
 from __future__ import annotations
@@ -27,6 +28,9 @@ MARKERS = {
     "same clusters": ("P", "#c46a9a"),
     "1/f noise": ("v", "#22272e"),
 }
+
+INHOMOGENEOUS = "clusters", "same clusters", "1/f noise"
+"""Models whose seeds are denser in one place than in another."""
 
 
 def seeds(model: str, n: int) -> dict[str, Any]:
@@ -75,23 +79,27 @@ def main() -> None:
             f"{model:13} {n:6} {cells['n_grains'].mean():7.0f} {cells['mean_sphericity'].mean():10.3f} "
             f"{cells['void_ratio'].mean():11.3f} {cells['scale'].mean():12.4f} {cube['scale'].mean():15.4f}"
         )
-    with drawing(options.output / "figure_15.png", (9.6, 4.0), dpi=110) as figure:
-        left, right = figure.subplots(1, 2)
-        line = np.array([0.6, 0.95])
-        left.plot(line, 1.6 - 0.86 * line, "--", color=INK, label="Cho et al. 2006, loosest")
+    with drawing(options.output / "figure_15.png", (12.0, 4.4), dpi=110) as figure:
+        left, middle, right = figure.subplots(1, 3)
+        line = np.array([0.74, 0.91])
+        left.plot(line, 1.6 - 0.86 * line, "--", color=INK, linewidth=1, label="Cho et al. 2006, loosest")
         for model, (marker, color) in MARKERS.items():
             mine = model_of == model
             rows = table[mine & is_cells]
-            left.plot(rows["mean_sphericity"], rows["void_ratio"], marker, color=color, label=model, alpha=0.7)
-            for chosen, style in ((is_cells, "-"), (~is_cells, ":")):
+            left.plot(rows["mean_sphericity"], rows["void_ratio"], marker, color=color, label=model, markersize=5)
+            for axes, chosen in ((middle, is_cells), (right, ~is_cells)):
                 found = [table["scale"][mine & chosen & (count_of == n)].mean() for n in counts]
-                right.semilogx(counts, found, style, marker=marker, color=color, markersize=4, linewidth=1)
-        left.set(xlabel="mean sphericity S", ylabel="void ratio e", xlim=(0.6, 0.95), ylim=(0.75, 1.1))
-        left.legend(frameon=False, fontsize=8)
-        right.plot([], [], "-", color=INK, label="of the grains' cells")
-        right.plot([], [], ":", color=INK, label="of the whole cube")
+                # Inhomogeneous models are dashed, and tell from afar.
+                style = "--" if model in INHOMOGENEOUS else "-"
+                axes.semilogx(counts, found, style, marker=marker, color=color, markersize=5, linewidth=1.2)
+        left.set(xlabel="mean sphericity S", ylabel="void ratio e", xlim=line, ylim=(0.82, 0.97))
+        left.set_title("(a) where the beds lie", loc="left")
+        middle.set(xlabel="seeds", ylabel="optimal scale F")
+        middle.set_title("(b) void of the grains' own cells", loc="left")
         right.set(xlabel="seeds", ylabel="optimal scale F")
-        right.legend(frameon=False, fontsize=8, title="void", title_fontsize=8)
+        right.set_title("(c) void of the whole cube", loc="left")
+        handles, labels = left.get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=8, frameon=False, fontsize=9)
     print(f"wrote {options.output / 'figure_15.png'}")
 
 

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from grainsdem.errors import InputError
-from grainsdem.figures.frame import INK, check_suffix, drawing, length_unit
+from grainsdem.errors import InputError, ShapeError
+from grainsdem.figures.frame import INK, RED, check_suffix, drawing, length_unit
 from grainsdem.measures.sections import Section, section_table
 
 if TYPE_CHECKING:
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from matplotlib.axes import Axes
+    from numpy.typing import ArrayLike, NDArray
 
 SAND = "#d8c49a"
 
@@ -27,8 +28,10 @@ def section_figure(
     titles: Sequence[str] = (),
     color_by: Literal["diameter", "id"] | None = None,
     columns: int | None = None,
+    marks: ArrayLike | None = None,
+    note: str = "",
 ) -> Path:
-    """Draw one section, or several side by side.
+    """Draw one section, or several side by side, each with a scale.
 
     Parameters
     ----------
@@ -42,6 +45,11 @@ def section_figure(
         Colours show the apparent diameter, with a scale beside them, or tell grains apart; None draws all alike.
     columns : int, optional
         Sections in a row; by default as many as make the figure about square.
+    marks : array_like, optional, shape (k, 3)
+        Points [m], such as the parents of clusters: a cross where each is seen along the normal, smaller the farther it
+        is from the plane.
+    note : str
+        What is written below.
 
     Returns
     -------
@@ -50,8 +58,9 @@ def section_figure(
 
     Raises
     ------
-    FileFormatError, InputError, WriteError
-        If the suffix is another, there is no section, titles are not as many, or the file cannot be written.
+    FileFormatError, InputError, ShapeError, WriteError
+        If the suffix is another, there is no section, titles are not as many, marks are no points, or the file cannot
+        be written.
     """
     target = check_suffix(path)
     panels = [sections] if isinstance(sections, Section) else list(sections)
@@ -63,6 +72,9 @@ def section_figure(
         raise InputError(f"color_by must be 'diameter', 'id' or None; got {color_by!r}")
     if columns is not None and columns < 1:
         raise InputError(f"columns must be one at least; got {columns}")
+    points = None if marks is None else np.asarray(marks, dtype=np.float64)
+    if points is not None and (points.ndim != 2 or points.shape[1] != 3):
+        raise ShapeError(f"marks must be points of shape (k, 3); got {points.shape}")
     n_columns = min(columns or int(np.ceil(np.sqrt(len(panels)))), len(panels))
     n_rows = -(-len(panels) // n_columns)
     tables = [section_table(panel) for panel in panels]
@@ -85,6 +97,11 @@ def section_figure(
                 axis.set(xlabel=f"u  [{unit}]", ylabel=f"v  [{unit}]")
             else:
                 axis.set(xticks=[], yticks=[])
+                _draw_scale(axis, longest * factor, unit)
+            if points is not None:
+                _mark(axis, panel, points, factor)
+        if note:
+            figure.supxlabel(note, fontsize=9)
         if color_by == "diameter":
             figure.colorbar(drawn, ax=axes[: len(panels)].tolist(), label=f"apparent diameter  [{unit}]", shrink=0.8)
     return target
@@ -117,3 +134,23 @@ def _draw(axis: Axes, section: Section, values: Any, factor: float, largest: flo
     for spine in axis.spines.values():
         spine.set_visible(False)
     return grains
+
+
+def _draw_scale(axis: Axes, longest: float, unit: str) -> None:
+    """Draw a bar below a panel, a round length of about a fifth of the longest outline."""
+    power = 10.0 ** np.floor(np.log10(0.2 * longest))
+    length = max(m * power for m in (1, 2, 5) if m * power <= 0.2 * longest)
+    left, _ = axis.get_xlim()
+    start = left + 0.01 * longest
+    # Lengths along the axis, heights in shares of the panel.
+    across = axis.get_xaxis_transform()
+    axis.plot([start, start + length], [-0.035, -0.035], color=INK, linewidth=2.2, transform=across, clip_on=False)
+    place = (start + length + 0.02 * longest, -0.035)
+    axis.text(*place, f"{length:g} {unit}", fontsize=8, va="center", transform=across)
+
+
+def _mark(axis: Axes, section: Section, points: NDArray[np.float64], factor: float) -> None:
+    """Draw crosses at points in the world, seen along the normal of the section."""
+    u, v = factor * (section.frame[:2] @ points.T)
+    far = np.abs(points @ section.frame[2] - section.distance) / np.ptp(section.outline, axis=0).max()
+    axis.scatter(u, v, s=90 * np.clip(1 - 1.4 * far, 0.15, 1), marker="x", color=RED, linewidths=1.8, zorder=4)
