@@ -43,7 +43,7 @@ def seeds(model: str, n: int) -> dict[str, Any]:
     return {
         "Poisson": {"process": "poisson", "count": n},
         "CVT-uniform": {"process": "poisson", "count": n, "relax": 5},
-        "CVT-Halton": {"process": "halton", "count": n, "relax": 20},
+        "CVT-Halton": {"process": "halton", "count": n, "relax": 20, "scramble": "shift"},  # else repeats are copies
         "Strauss": {"process": "strauss", "count": n, "distance": 0.8 * spacing, "inhibition": 0.05},
         "clusters": {"process": "cluster", "count": n, "parents": max(2, n // 20), "spread": 0.5 * spacing},
         "same clusters": {"process": "cluster", "count": n, "parents": 100, "spread": 0.05},

@@ -7,7 +7,7 @@ import pytest
 from loading import grow
 from scipy.stats import t
 
-from grainsdem.dynamics import Ensemble, collapse, ensemble, triaxial
+from grainsdem.dynamics import Ensemble, collapse, ensemble, settle, triaxial
 from grainsdem.dynamics.ensembles import half_width
 from grainsdem.errors import InputError
 from grainsdem.storage import load_history
@@ -136,3 +136,14 @@ def test_an_experiment_without_a_seed_is_no_ensemble(cube):
 def test_what_an_ensemble_cannot_do_is_refused(cube, options, words):
     with pytest.raises(InputError, match=words):
         ensemble(triaxial, cube, **options)
+
+
+@pytest.mark.unit
+@pytest.mark.parametrize("options", [{}, {"start": "place"}, {"density": 2650.0}, {"density": {2650.0: 1.0}}])
+def test_runs_that_would_be_copies_of_one_are_no_ensemble(cube, options):
+    with pytest.raises(InputError, match=r"start = .place. is the same for every seed: .* .pour. or .rain."):
+        ensemble(settle, cube, seeds=2, **options)
+    with pytest.raises(InputError, match="friction"):  # the experiment's own word: what is not refused is run
+        ensemble(settle, cube, seeds=2, **{**options, "start": "pour", "friction": -1.0})
+    with pytest.raises(InputError, match="friction"):
+        ensemble(settle, cube, seeds=1, **options, friction=-1.0)

@@ -99,8 +99,11 @@ def test_every_process_grows_a_bed_that_is_reached_exactly(folder, process, doma
 def test_files_are_found_beside_the_recipe(folder, process):
     seeds = sow(folder, table(process))
     assert seeds.shape == (80, 3)
-    other = sow(folder, table(process), rng=1)
-    assert (seeds.tobytes() == other.tobytes()) == (process in ("halton", "file"))
+    if process in ("halton", "file"):
+        with pytest.raises(FileFormatError, match=r"rng = 1 changes nothing: .* the same at every rng"):
+            sow(folder, table(process), rng=1)
+    else:
+        assert seeds.tobytes() != sow(folder, table(process), rng=1).tobytes()
 
 
 def test_what_a_recipe_places_is_what_python_places(folder):
@@ -124,12 +127,86 @@ def test_what_a_recipe_places_is_what_python_places(folder):
         np.testing.assert_allclose(sow(folder, table(process)), seeds, rtol=1e-12, err_msg=process)
 
 
-def test_haltons_sequence_is_the_same_at_every_rng_unless_it_is_shifted(folder):
-    plain = [sow(folder, {"count": 50}, rng=k) for k in (1, 2)]
-    np.testing.assert_array_equal(*plain)
-    np.testing.assert_array_equal(plain[0], points.halton(gd.Domain.cube(), 50))
-    shifted = [sow(folder, {"count": 50, "scramble": "shift"}, rng=k) for k in (1, 2)]
-    assert (shifted[0] != shifted[1]).all()
+def test_haltons_sequence_is_its_own_without_an_rng_and_shifted_where_chance_is_asked_for(folder):
+    cube = gd.Domain.cube()
+    np.testing.assert_array_equal(sow(folder, {"count": 50}), points.halton(cube, 50))
+    for k in (1, 2):
+        np.testing.assert_array_equal(
+            sow(folder, {"count": 50, "scramble": "shift"}, rng=k),
+            points.halton(cube, 50, rng=np.random.default_rng(k)),
+        )
+    assert (points.halton(cube, 50, rng=1) != points.halton(cube, 50, rng=2)).all()
+
+
+LAW = {"law": "uniform", "parameters": {"loc": 1e-3, "scale": 1e-3}}
+
+
+@pytest.mark.parametrize(
+    ("seeds", "tables", "cure"),
+    [
+        ({"count": 60}, {}, r"Halton's sequence is the same at every rng: scramble = 'shift' \(--seed-parameter"),
+        ({"count": 60, "relax": 1}, {"voxels": {"per_diameter": 5}}, "scramble = 'shift'"),
+        ({"process": "file", "path": "own.txt"}, {}, "points of a file are the same at every rng; give another"),
+        ({"count": 60}, {"grains": {"scale": 0.9, "throats": {"fraction": 0.0}}}, "scramble = 'shift'"),
+        ({"count": 60, "scramble": "shift"}, {}, None),
+        ({"count": 60}, {"grains": {"scale": 0.9, "throats": {}}}, None),
+        ({"count": 60}, {"grains": {"scale": 0.9, "sizes": LAW}}, None),
+        ({"count": 60}, {"settle": {"start": "pour"}}, None),
+    ],
+)
+def test_an_rng_that_would_change_nothing_is_refused(seeds, tables, cure):
+    tables = {"domain": BOX, "seeds": seeds, "grains": GRAINS, **tables}
+    assert recipes.make(**tables, rng=0).rng == 0
+    if cure is None:
+        assert recipes.make(**tables, rng=3).rng == 3
+    else:
+        with pytest.raises(InputError, match=f"rng = 3 changes nothing: .*{cure}"):
+            recipes.make(**tables, rng=3)
+
+
+def test_generate_makes_no_copies_under_another_rng(folder):
+    base = ["generate", folder / "a.h5", "--count", 60, "--porosity", 0.4, "--quiet"]
+    assert "rng = 1 changes nothing" in command(*base, "--rng", 1, code=2)
+    assert not (folder / "a.h5").exists()
+    beds = []
+    for rng in (1, 2):
+        command(*base, "--rng", rng, "--seed-parameter", "scramble=shift")
+        beds.append(gd.load(folder / "a.h5").positions)
+    assert beds[0].shape != beds[1].shape or (beds[0] != beds[1]).any()
+
+
+OWN = {"count": 60, "cluster": {"parents": 9, "spread": 0.1}, "strauss": {"distance": 0.05, "inhibition": 0.1}}
+
+
+def test_a_process_has_a_table_of_its_own():
+    tables = {"domain": BOX, "grains": GRAINS}
+    for process, flat in (
+        ("poisson", {}),
+        ("cluster", OWN["cluster"]),
+        ("strauss", OWN["strauss"]),
+    ):
+        own = recipes.make(**tables, seeds={"process": process, **OWN})
+        assert own == recipes.make(**tables, seeds={"process": process, "count": 60, **flat})
+    counted = recipes.make(**tables, seeds={"process": "noise", "count": 60, "noise": {"count": 70, "relax": 2}})
+    assert (counted.seeds.count, counted.seeds.relax) == (70, 2)
+
+
+@pytest.mark.parametrize(
+    ("seeds", "words"),
+    [
+        ({"count": 5, "cluster": {"spread": 0.1}}, r"which process\? There are tables of cluster"),
+        (
+            {"process": "poisson", "count": 5, "cluster": {"sprad": 0.1}},
+            "process 'cluster' takes .*; got sprad",
+        ),
+        ({"process": "poisson", "count": 5, "cluster": 3}, "table of process 'cluster' takes .*; got 3"),
+        ({"process": "cluster", "count": 5, "cluster": {"spread": -1}}, "seeds.spread: .*greater than 0; got -1"),
+        ({"process": "poisson", "count": 5, "spread": 0.1}, r"a table of its own, such as \[seeds.cluster\]"),
+    ],
+)
+def test_tables_of_processes_with_foreign_keys_are_refused(seeds, words):
+    with pytest.raises(InputError, match=words):
+        recipes.make(domain=BOX, seeds=seeds, grains=GRAINS)
 
 
 def test_haltons_bases_are_two_in_a_slab_and_three_in_a_box(folder):

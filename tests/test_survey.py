@@ -158,6 +158,96 @@ def test_a_bed_that_cannot_be_grown_is_a_row_that_says_why(tmp_path):
     assert table["n_grains"][1] > 0
 
 
+def test_varied_rngs_are_a_column_and_a_run_each(tmp_path):
+    table = survey.run(survey.Survey(BASE, {"rng": [1, 2, 9]}), tmp_path / "t.csv", workers=1)
+    assert list(table.dtype.names).count("rng") == 1
+    assert table["rng"].tolist() == [1, 2, 9]
+    assert np.unique(table["mean_sphericity"]).size == 3
+    for row in table:
+        bed = gd.recipe.grow(gd.recipe.make(**BASE, rng=int(row["rng"])))
+        assert row["mean_sphericity"] == gd.sphericities(bed.grains).mean()
+
+
+def test_rngs_varied_beside_other_keys_are_not_taken_for_one_another(tmp_path, monkeypatch):
+    both = survey.Survey(BASE, {"rng": [1, 2], "seeds.count": [80, 120]})
+    table = survey.run(both, tmp_path / "t.csv", workers=1)
+    assert list(zip(table["rng"], table["n_seeds"], strict=True)) == [(1, 80), (1, 120), (2, 80), (2, 120)]
+    measure, grown = running.measure, []
+    monkeypatch.setattr(running, "measure", lambda recipe: grown.append(recipe) or measure(recipe))
+    again = survey.run(survey.Survey(BASE, {**both.vary, "rng": [1, 2, 3]}), tmp_path / "t.csv", workers=1)
+    assert len(grown) == 2
+    assert again["n_seeds"].tolist() == [80, 120] * 3
+    with pytest.raises(InputError, match="rows of other cases"):
+        survey.run(survey.Survey({**BASE, "grains": {"porosity": 0.3}}, both.vary), tmp_path / "t.csv", workers=1)
+
+
+OWN = {"count": 70, "cluster": {"parents": 20}, "noise": {"resolution": 16}, "halton": {"bases": [5, 7, 11]}}
+
+
+def test_processes_are_varied_with_a_table_of_keys_each(tmp_path):
+    vary = {"seeds.process": ["halton", "poisson", "cluster", "noise"], "seeds.cluster.spread": [0.05, 0.2]}
+    plan = survey.Survey({**BASE, "seeds": OWN}, vary)
+    table = survey.run(plan, tmp_path / "t.csv", workers=1)
+    assert table["seeds_process"].tolist() == ["halton", "poisson", "cluster", "cluster", "noise"]
+    np.testing.assert_array_equal(table["seeds_cluster_spread"], [np.nan, np.nan, 0.05, 0.2, np.nan])
+    assert len(plan) == 5
+    assert (table["n_seeds"] == 70).all()
+    recipes = [recipe for _, _, recipe in plan.jobs()]
+    assert recipes[0].seeds.bases == (5, 7, 11)
+    assert [recipe.seeds.spread for recipe in recipes] == [None, None, 0.05, 0.2, None]
+    # What stands in other processes' tables does not touch a bed.
+    alone = survey.Survey({**BASE, "seeds": {"count": 70, "noise": OWN["noise"]}}, {"seeds.process": ["noise"]})
+    ((_, _, noise),) = alone.jobs()
+    assert noise == recipes[-1]
+
+
+def test_the_command_varies_processes_whose_tables_the_file_holds(tmp_path):
+    np.savetxt(tmp_path / "parents.txt", np.random.default_rng(1).random((5, 3)))
+    (tmp_path / "r.toml").write_text(
+        "[seeds]\ncount = 70\n[seeds.cluster]\nparents = 'parents.txt'\n[seeds.strauss]\ninhibition = 0\n"
+        "distance = 0.05\n[grains]\nporosity = 0.4\n"
+    )
+    options = ["--vary", "seeds.process=cluster,strauss", "--vary", "seeds.cluster.spread=0.1,0.2", "--repeats", "2"]
+    result = CliRunner().invoke(app, ["survey", str(tmp_path / "r.toml"), str(tmp_path / "t.csv"), *options])
+    assert result.exit_code == 0, result.output
+    table = survey.load(tmp_path / "t.csv")
+    assert table["seeds_process"].tolist() == ["cluster"] * 4 + ["strauss"] * 2
+    assert (table["error"] == "").all()
+
+
+HALTON = {**BASE, "seeds": {"process": "halton", "count": 80}}
+
+
+@pytest.mark.parametrize(
+    ("base", "options", "words"),
+    [
+        (HALTON, {"repeats": 3}, "the beds of the recipe would be copies of one: Halton's .* scramble = 'shift'"),
+        (HALTON, {"vary": {"rng": [1, 2]}}, "the beds of rng = 1 would be copies of one"),
+        (
+            BASE,
+            {"vary": {"seeds.process": ["poisson", "halton"]}, "repeats": 2},
+            "process = halton would be copies",
+        ),
+        (BASE, {"vary": {"seeds.count": [80, 90, 80]}}, "seeds.count = 80 and seeds.count = 80 are the same bed"),
+        (BASE, {"vary": {"name": ["a", "b"]}}, "name = a and name = b are the same bed"),
+        (BASE, {"vary": {"rng": [1, 1]}}, "rng = 1 and rng = 1 are the same bed"),
+    ],
+)
+def test_copies_of_a_bed_do_not_stand_in_a_table_as_statistics(base, options, words, tmp_path):
+    with pytest.raises(InputError, match=words):
+        survey.run(survey.Survey(base, **options), tmp_path / "t.csv", workers=1)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_shifted_haltons_sequences_are_beds_of_their_own(tmp_path):
+    base = {**HALTON, "rng": 7, "seeds": {**HALTON["seeds"], "halton": {"scramble": "shift"}}}
+    table = survey.run(survey.Survey(base, repeats=3), tmp_path / "t.csv", workers=1)
+    assert np.unique(table["mean_sphericity"]).size == 3
+    # One bed of the sequence itself is no statistics.
+    own = survey.Survey({**HALTON, "rng": 7}, {"seeds.count": [60, 80]})
+    assert [recipe.rng for _, _, recipe in own.jobs()] == [0, 0]
+
+
 def test_lists_can_be_zipped():
     cases = [case for case, _, _ in plan(combine="zip", repeats=1).jobs()]
     assert cases == [{"seeds.count": 80, "seeds.relax": 0}, {"seeds.count": 120, "seeds.relax": 2}]
@@ -173,6 +263,7 @@ def test_lists_can_be_zipped():
         ({"combine": "sum"}, "'product' or 'zip'; got 'sum'"),
         ({"combine": "zip", "vary": {"rng": [1], "seeds.count": [1, 2]}}, "rng: 1, seeds.count: 2"),
         ({"repeats": 0}, "1 or more; got 0"),
+        ({"vary": {"rng": [1, 2]}, "repeats": 3}, "each value of rng is one bed: repeats must be 1 .*; got 3"),
         ({"vary": {"settle.friction": [0.1]}}, "does not settle"),
     ],
 )

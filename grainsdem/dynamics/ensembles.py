@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from inspect import signature
@@ -154,7 +155,8 @@ def ensemble(
     Raises
     ------
     InputError
-        If there is no seed, two are the same, ``through`` is another word, or the experiment has no such option.
+        If there is no seed, two are the same, ``through`` is another word, the experiment has no such option, or its
+        runs would be copies of one, as of grains that `settle` leaves in place.
 
     Examples
     --------
@@ -167,6 +169,8 @@ def ensemble(
     if through not in ("auto", "batch", "processes"):
         raise InputError(f"through must be 'auto', 'batch' or 'processes'; got {through!r}")
     _check_options(experiment, options)
+    if len(chosen) > 1:
+        _refuse_copies(experiment, options)
     jobs = _jobs(experiment, packing, chosen, history_folder, options)
     if through != "processes" and len(chosen) > 1:
         try:
@@ -190,6 +194,18 @@ def _check_options(experiment: Callable[..., Any], options: dict[str, Any]) -> N
     if "rng" not in names or unknown:
         given = f"no such option: {name_offenders(unknown)}" if unknown else "it does not take rng"
         raise InputError(f"{experiment.__name__} takes {', '.join(allowed)}; {given}")
+
+
+def _refuse_copies(experiment: Callable[..., Any], options: dict[str, Any]) -> None:
+    """Raise `InputError` where grains start in place, and seeds do not even draw their densities."""
+    start = signature(experiment).parameters.get("start")
+    density = options.get("density")
+    is_drawn = isinstance(density, Mapping) and len(density) > 1
+    if start is not None and options.get("start", start.default) == "place" and not is_drawn:
+        raise InputError(
+            f"{experiment.__name__} with start = 'place' is the same for every seed: runs would be copies of one; give "
+            f"start = 'pour' or 'rain', or one seed"
+        )
 
 
 def _jobs(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Self, get_args
 
 from pydantic import Field, model_validator
 
@@ -44,7 +44,7 @@ class SeedsTable(Table):
         bounds alone will do (`points.scaled`).
     bases, start, scramble : three ints, int, {"none", "shift"}
         Of Halton's sequence (`points.halton`): a base for each axis, two in a slab, and the number of the first point.
-        It is the same at every ``rng`` unless it is shifted at random.
+        It is the same at every ``rng`` unless it is shifted at random, as `points.halton` does where it gets one.
     exact : bool
         Whether Poisson's count is what is asked for, or so on the average.
     parents, children, spread, walls : int or str, float, float, {"clip", "reflect", "periodic"}
@@ -63,6 +63,12 @@ class SeedsTable(Table):
         Contrast of noise or of an image, or what parts its light from its dark; the density of the sparsest places.
     along : {"x", "y", "z"}
         Axis along which an image, or a density of two axes, is extruded.
+
+    Notes
+    -----
+    Keys of one process may stand in a table of its own, ``[seeds.cluster]``, which counts where that is the process: it
+    may have a count and a number of relaxations, too, which go before those of ``[seeds]``. So the process alone can be
+    varied.
     """
 
     process: Process = "halton"
@@ -95,6 +101,23 @@ class SeedsTable(Table):
     floor: Unit = 0.0
     along: Literal["x", "y", "z"] = "z"
 
+    @model_validator(mode="before")
+    @classmethod
+    def _own_table_beside_the_rest(cls, value: Any) -> Any:
+        """Put the keys of the process's own table beside the others, and leave out other processes' tables."""
+        if not isinstance(value, dict):
+            return value
+        own = {name: value[name] for name in get_args(Process) if name in value}
+        rest = {name: item for name, item in value.items() if name not in own}
+        if own and "process" not in rest:
+            raise ValueError(f"which process? There are tables of {', '.join(own)}, and no key process")
+        for name, table in own.items():
+            takes = ["count", "relax", *_KEYS[name].needed, *_KEYS[name].optional]
+            foreign = [key for key in table if key not in takes] if isinstance(table, dict) else [repr(table)]
+            if foreign:
+                raise ValueError(f"the table of process {name!r} takes {', '.join(takes)}; got {', '.join(foreign)}")
+        return {**rest, **own.get(rest.get("process", ""), {})}
+
     @model_validator(mode="after")
     def _keys_are_the_processs(self) -> Self:
         keys = _KEYS[self.process]
@@ -106,7 +129,10 @@ class SeedsTable(Table):
         takes = ["count", *keys.needed, *keys.optional]
         foreign = [name for name in given if name not in (*takes, "process", "relax")]
         if foreign:
-            raise ValueError(f"process {self.process!r} takes {', '.join(takes)}; got {', '.join(foreign)}")
+            raise ValueError(
+                f"process {self.process!r} takes {', '.join(takes)}; got {', '.join(foreign)} (keys of another process "
+                f"alone stand in a table of its own, such as [seeds.cluster])"
+            )
         numbers = [name for name in ("count", "parents", "children") if name in given]
         if self.process == "cluster" and len(numbers) > 2:
             raise ValueError("process 'cluster' takes two of count, parents and children; got all three")
@@ -121,6 +147,11 @@ class SeedsTable(Table):
         """Whether the process takes a number of seeds; it is given, or follows from the grains' size."""
         is_left_to_chance = self.intensity is not None or (self.parents is not None and self.children is not None)
         return self.process != "file" and not is_left_to_chance
+
+    @property
+    def has_chance(self) -> bool:
+        """Whether seeds differ from one rng to another: Halton's sequence and points of a file do not."""
+        return self.process not in ("halton", "file") or self.scramble == "shift"
 
     def beside(self, folder: Path) -> Self:
         """Return the table with its files found in a folder."""

@@ -80,7 +80,7 @@ class Recipe(Table):
     name : str
         What the bed is called.
     rng : int
-        Seed of everything that is random.
+        Seed of everything that is random; refused, unless it is 0, where nothing is.
     domain, seeds, grains, settle, output : tables
         See each.
     compact, tap, triaxial, shear, collapse, tilt : tables, optional
@@ -147,6 +147,28 @@ class Recipe(Table):
                 "lengths in metres, or seeds.count"
             )
         return self
+
+    @model_validator(mode="after")
+    def _rng_has_a_use(self) -> Self:
+        """Refuse an rng that would change nothing: beds that differ by it alone would be copies of one."""
+        later = (self.settle, self.planform, *self.experiments().values())
+        if self.rng and not self.has_chance and all(table is None for table in later):
+            raise ValueError(f"rng = {self.rng} changes nothing: {self.told_of_copies()}, or leave out rng")
+        return self
+
+    @property
+    def has_chance(self) -> bool:
+        """Whether the bed as grown differs from one rng to another."""
+        sizes, throats = self.grains.sizes, self.grains.throats
+        is_moved = throats is not None and throats.fraction > 0 and throats.strength > 0
+        return self.seeds.has_chance or is_moved or (sizes is not None and not sizes.is_list)
+
+    def told_of_copies(self) -> str:
+        """Return why a bed without chance is the same at every rng, and how to let it differ."""
+        seeds = "Halton's sequence is" if self.seeds.process == "halton" else "points of a file are"
+        shift = "scramble = 'shift' (--seed-parameter scramble=shift) shifts it; or give"
+        cure = f": {shift}" if self.seeds.process == "halton" else "; give"
+        return f"{seeds} the same at every rng{cure} another process"
 
     @property
     def is_count_open(self) -> bool:

@@ -6,6 +6,7 @@ import copy
 import hashlib
 import itertools
 import json
+import math
 import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -30,16 +31,19 @@ class Survey:
     base : mapping
         Tables of a recipe, as its TOML file has them.
     vary : mapping of str to sequence
-        Values of each key, such as ``{"seeds.count": [100, 200]}``.
+        Values of each key, such as ``{"seeds.count": [100, 200]}``. Processes have different keys: those of one alone
+        stand in a table of its own, ``{"seeds": {"count": 100, "cluster": {"parents": 9, "spread": 0.1}}}``, which
+        counts for that process. With ``rng`` each of its values is a bed's own.
     combine : {"product", "zip"}
         Every combination of the values, or the first of each, the second of each, and so on.
     repeats : int
-        Beds for each case, each with a seed of its own.
+        Beds for each case, each with an rng of its own.
 
     Raises
     ------
     InputError
-        If a key has no values, the lists to be zipped differ in length, or there is nothing to do.
+        If a key has no values, the lists to be zipped differ in length, ``rng`` is varied and there are repeats
+        besides, or there is nothing to do.
     """
 
     base: Mapping[str, Any]
@@ -58,15 +62,13 @@ class Survey:
             raise InputError(f"lists that are zipped must be equally long; got {lengths}")
         if not isinstance(self.repeats, int) or self.repeats < 1:
             raise InputError(f"repeats must be a whole number, 1 or more; got {self.repeats!r}")
+        if "rng" in self.vary and self.repeats > 1:
+            raise InputError(f"each value of rng is one bed: repeats must be 1 beside them; got {self.repeats}")
         if "settle" in self.base or any(key.startswith("settle.") for key in self.vary):
             raise InputError("a survey grows beds and does not settle them; leave out the settle table")
 
     def __len__(self) -> int:
-        values = [len(v) for v in self.vary.values()]
-        cases = 1
-        for n in values if self.combine == "product" else values[:1]:
-            cases *= n
-        return cases * self.repeats
+        return len(self._cases()) * self.repeats
 
     def jobs(self) -> Iterator[tuple[dict[str, Any], int, Recipe]]:
         """Yield the varied values, the number of the repeat, and the recipe of each bed.
@@ -74,26 +76,50 @@ class Survey:
         Raises
         ------
         InputError
-            If a key is unknown or a value out of range.
+            If a key is unknown or a value out of range, or two beds would be copies of one: because they are of the
+            same recipe, or have no chance in them (Halton's sequence is the same at every rng unless it is shifted).
 
         Notes
         -----
         A bed's own ``rng`` follows from its whole recipe, the survey's ``rng`` and the number of the repeat: it is the
-        same in whatever order the work is done, and beside whatever other cases.
+        same in whatever order the work is done, and beside whatever other cases. It is the one given where ``rng`` is
+        varied, and the bed is then that of `grainsdem generate`; and zero where a bed has no chance in it.
+        """
+        known: dict[str, dict[str, Any]] = {}
+        for case, tables in self._cases():
+            wanted = recipes.make(**{**tables, "rng": 0})
+            if wanted.has_chance:
+                wanted = recipes.make(**tables)
+            elif self.repeats > 1 or "rng" in case:
+                raise InputError(f"the beds of {_shown(case)} would be copies of one: {wanted.told_of_copies()}")
+            text = json.dumps(wanted.model_dump(mode="json", exclude={"name", "output"}), sort_keys=True)
+            if text in known:
+                raise InputError(f"{_shown(known[text])} and {_shown(case)} are the same bed; vary something else")
+            known[text] = case
+            for repeat in range(self.repeats):
+                rng = wanted.rng
+                if wanted.has_chance and "rng" not in case:
+                    digest = hashlib.sha256(f"{text} {repeat}".encode()).digest()
+                    # 53 bits: exact in every program that reads the table.
+                    rng = int.from_bytes(digest[:8], "big") >> 11
+                yield case, repeat, wanted.model_copy(update={"rng": rng})
+
+    def _cases(self) -> list[tuple[dict[str, Any], dict[str, Any]]]:
+        """Return the varied values of each case, and its tables.
+
+        A key of one process's own table has no meaning for another: it is not a number there, and told once.
         """
         together = itertools.product if self.combine == "product" else zip
-        for values in together(*self.vary.values()) if self.vary else [()]:
+        cases: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {}
+        for number, values in enumerate(together(*self.vary.values()) if self.vary else [()]):
             case = dict(zip(self.vary, values, strict=True))
             tables = copy.deepcopy(dict(self.base))
             for key, value in case.items():
                 _put(tables, key, value)
-            wanted = recipes.make(**tables)
-            text = json.dumps(wanted.model_dump(mode="json", exclude={"name", "output"}), sort_keys=True)
-            for repeat in range(self.repeats):
-                digest = hashlib.sha256(f"{text} {repeat}".encode()).digest()
-                # 53 bits: exact in every program that reads the table.
-                rng = int.from_bytes(digest[:8], "big") >> 11
-                yield case, repeat, wanted.model_copy(update={"rng": rng})
+            foreign = _of_other_processes(case, tables)
+            case |= dict.fromkeys(foreign, math.nan)
+            cases.setdefault(repr(case) if foreign else str(number), (case, tables))
+        return list(cases.values())
 
 
 def read(
@@ -137,7 +163,9 @@ def read(
 def _find_beside(folder: Path, tables: dict[str, Any]) -> None:
     """Put the files that tables name into a folder."""
     grains = tables.get("grains")
-    for table in (tables.get("seeds"), grains.get("sizes") if isinstance(grains, dict) else None):
+    seeds = tables.get("seeds")
+    own = list(seeds.values()) if isinstance(seeds, dict) else []  # tables of processes are among them
+    for table in (seeds, *own, grains.get("sizes") if isinstance(grains, dict) else None):
         if isinstance(table, dict):
             files = {key: table[key] for key in ("path", "parents") if isinstance(table.get(key), str)}
             table |= {key: str(folder / name) for key, name in files.items()}
@@ -166,6 +194,19 @@ def parse_vary(items: Sequence[str]) -> dict[str, list[Any]]:
         except tomllib.TOMLDecodeError:
             varied[key.strip()] = [value.strip() for value in values.split(",")]
     return varied
+
+
+def _of_other_processes(case: Mapping[str, Any], tables: Mapping[str, Any]) -> list[str]:
+    """Return the varied keys that stand in the table of a process that is not the case's."""
+    seeds = tables.get("seeds")
+    process = seeds.get("process") if isinstance(seeds, dict) else None
+    paths = {key: key.split(".") for key in case}
+    return [key for key, path in paths.items() if path[0] == "seeds" and len(path) == 3 and path[1] != process]
+
+
+def _shown(case: Mapping[str, Any]) -> str:
+    """Return the values of a case as text."""
+    return ", ".join(f"{key} = {value}" for key, value in case.items()) or "the recipe"
 
 
 def _flat(tables: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import io
 import json
 import time
@@ -77,13 +78,15 @@ def run(
     Returns
     -------
     structured ndarray, shape (n,)
-        One row a bed in the order of the survey: ``version``, ``repeat``, ``rng``, the varied keys with ``_`` for
-        the dot, `MEASURES`, and ``error``, empty where the bed could be grown.
+        One row a bed in the order of the survey: ``version``, ``repeat``, ``rng``, ``recipe``, a mark of all that the
+        bed was grown from, the varied keys with ``_`` for the dot, `MEASURES`, and ``error``, empty where the bed
+        could be grown.
 
     Raises
     ------
     InputError
-        If a key is unknown, a value out of range, or the file holds rows of another survey or version.
+        If a key is unknown, a value out of range, beds would be copies of one (`Survey.jobs`), or the file holds rows
+        of another survey or version.
     WriteError
         If the table cannot be written.
     """
@@ -91,9 +94,11 @@ def run(
     if path.suffix.lower() != ".csv":
         raise FileFormatError(f"{path}: a survey's table is written as .csv; got {path.suffix or 'no suffix'!r}")
     jobs = list(survey.jobs())
-    header = ["version", "repeat", "rng", *(_column(key) for key in survey.vary), *MEASURES, "error"]
-    known = _kept(path, header, {str(recipe.rng) for _, _, recipe in jobs})
-    rows = [known.get(str(recipe.rng)) for _, _, recipe in jobs]
+    varied = [key for key in survey.vary if key != "rng"]
+    header = ["version", "repeat", "rng", "recipe", *map(_column, varied), *MEASURES, "error"]
+    marks = [_mark(recipe) for _, _, recipe in jobs]
+    known = _kept(path, header, set(marks))
+    rows = [known.get(mark) for mark in marks]
     missing = [k for k, row in enumerate(rows) if row is None]
     done, written = len(jobs) - len(missing), time.monotonic()
     if progress is not None:
@@ -101,7 +106,8 @@ def run(
     try:
         for number, measured in share(measure, [jobs[k][2] for k in missing], workers=workers):
             case, repeat, recipe = jobs[missing[number]]
-            first = [grainsdem.__version__, str(repeat), str(recipe.rng), *map(_text, case.values())]
+            first = [grainsdem.__version__, str(repeat), str(recipe.rng), marks[missing[number]]]
+            first += [_text(case[key]) for key in varied]
             rows[missing[number]] = [*first, *map(_text, measured)]
             done += 1
             if progress is not None:
@@ -178,7 +184,7 @@ def _numbers(texts: list[str]) -> NDArray[Any]:
 
 
 def _kept(path: Path, header: list[str], wanted: set[str]) -> dict[str, list[str]]:
-    """Return the rows that a table holds, by their ``rng``; those of beds that failed are tried again."""
+    """Return the rows that a table holds, by their ``recipe``; those of beds that failed are tried again."""
     if not path.exists():
         return {}
     try:
@@ -186,11 +192,11 @@ def _kept(path: Path, header: list[str], wanted: set[str]) -> dict[str, list[str
     except (ValueError, OSError, csv.Error):
         found, rows = [], []
     whole = [row for row in rows if len(row) == len(header)]
-    foreign = [row for row in whole if row[0] != grainsdem.__version__ or row[2] not in wanted]
+    foreign = [row for row in whole if row[0] != grainsdem.__version__ or row[3] not in wanted]
     if found != header or foreign:
         what = f"{len(foreign)} rows of other cases or another version" if foreign else "something else"
         raise InputError(f"{path}: holds {what} than this survey's; give another name or remove it")
-    return {row[2]: row for row in whole if not row[-1]}
+    return {row[3]: row for row in whole if not row[-1]}
 
 
 def _write(path: Path, header: list[str], rows: list[list[str] | None]) -> None:
@@ -200,6 +206,14 @@ def _write(path: Path, header: list[str], rows: list[list[str] | None]) -> None:
     writer.writerows(row for row in rows if row is not None)
     with replacing(path) as temporary:
         temporary.write_text(text.getvalue(), encoding="utf-8", newline="")
+
+
+def _mark(recipe: Recipe) -> str:
+    """Return a word that stands for all that a bed is grown from, its rng included."""
+    text = json.dumps(recipe.model_dump(mode="json", exclude={"name", "output"}), sort_keys=True)
+    return (
+        f"r{hashlib.sha256(text.encode()).hexdigest()[:12]}"  # a letter first, so that no reader takes it for a number
+    )
 
 
 def _column(key: str) -> str:
