@@ -170,8 +170,8 @@ def print_pattern(console: Console, title: str, pattern: dict[str, Any], *, is_p
 def print_distribution(console: Console, title: str, found: dict[str, Any]) -> None:
     """Print what is said of the sizes of a bed: statistics by number and by volume, and the fits, best first."""
     by = (found["by_number"], found["by_volume"])
-    of = {"sieve": "b axes", "area": "equal-area diameters", "volume": "equal-volume diameters"}[found["diameter"]]
-    table = Table(title=f"{title}: {of}", title_justify="left", title_style="bold")
+    names = {"sieve": "square holes passed", "area": "equal-area diameters", "volume": "equal-volume diameters"}
+    table = Table(title=f"{title}: {names[found['diameter']]}", title_justify="left", title_style="bold")
     for column in ("", "by number", "by volume"):
         table.add_column(column, justify="right" if column else "left")
     for mark in by[0]["percentiles"]:

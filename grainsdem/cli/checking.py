@@ -79,7 +79,9 @@ def measure(
     ] = False,
     diameter: Annotated[
         Literal["volume", "sieve"],
-        typer.Option(help="Size of a grain in --distribution: its equal-volume diameter, or its b axis."),
+        typer.Option(
+            help="Size of a grain in --distribution: its equal-volume diameter, or the square hole it passes."
+        ),
     ] = "volume",
     contacts: Annotated[
         Path | None,

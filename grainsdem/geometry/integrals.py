@@ -15,11 +15,12 @@ import numpy as np
 from numba import njit
 
 from grainsdem.geometry.threads import in_blocks
+from grainsdem.model.given import grains_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from grainsdem.model import Polyhedra
+    from grainsdem.model.given import Grains
 
 
 class Integrals(NamedTuple):
@@ -116,22 +117,22 @@ def _integrate(start, stop, mesh, volumes, areas, centroids, inertias):  # type:
         inertias[i, 1, 2] = inertias[i, 2, 1] = -yz
 
 
-def integrate(polyhedra: Polyhedra) -> Integrals:
+def integrate(polyhedra: Grains) -> Integrals:
     """Return volume, area, centroid and inertia of each polyhedron.
 
     Parameters
     ----------
-    polyhedra : Polyhedra
-        Closed polyhedra with planar faces, wound outward.
+    polyhedra : Polyhedra or Packing
+        Closed polyhedra with planar faces, wound outward; of a packing its grains, each in its own frame.
 
     Returns
     -------
     Integrals
         Named tuple of arrays in the units of the vertices.
     """
-    n = len(polyhedra)
+    p = grains_of(polyhedra)
+    n = len(p)
     result = Integrals(np.empty(n), np.empty(n), np.empty((n, 3)), np.empty((n, 3, 3)))
-    p = polyhedra
     mesh = p.vertices, p.vertex_offsets, p.face_offsets, p.face_vertices, p.face_vertex_offsets
     in_blocks(_integrate, n, mesh, *result)
     return result
@@ -185,31 +186,37 @@ class FacePlanes(NamedTuple):
     areas: NDArray[np.float64]
 
 
-def face_planes(polyhedra: Polyhedra) -> FacePlanes:
-    """Return the plane and the area of every face, each in its polyhedron's own frame."""
-    n = polyhedra.n_faces
+def face_planes(polyhedra: Grains) -> FacePlanes:
+    """Return the plane and the area of every face of polyhedra, or of a packing's grains, each in its own frame."""
+    p = grains_of(polyhedra)
+    n = p.n_faces
     result = FacePlanes(np.empty((n, 3)), np.empty(n), np.empty(n))
-    p = polyhedra
     mesh = p.vertices, p.vertex_offsets, p.face_offsets, p.face_vertices, p.face_vertex_offsets
     in_blocks(_face_planes, len(p), *mesh, *result)
     return result
 
 
-def volumes(polyhedra: Polyhedra) -> NDArray[np.float64]:
-    """Return the volume [m³] of each polyhedron, shape (n,)."""
+def volumes(polyhedra: Grains) -> NDArray[np.float64]:
+    """Return the volume [m³] of each polyhedron, or of each grain of a packing, shape (n,).
+
+    It has a sign: below zero where faces are wound inward. Sizes and shapes, which have none, refuse such grains.
+    """
     return integrate(polyhedra).volumes
 
 
-def surface_areas(polyhedra: Polyhedra) -> NDArray[np.float64]:
-    """Return the surface area [m²] of each polyhedron, shape (n,)."""
+def surface_areas(polyhedra: Grains) -> NDArray[np.float64]:
+    """Return the surface area [m²] of each polyhedron, or of each grain of a packing, shape (n,)."""
     return integrate(polyhedra).areas
 
 
-def centroids(polyhedra: Polyhedra) -> NDArray[np.float64]:
-    """Return the centroid [m] of each polyhedron in its own frame, shape (n, 3)."""
+def centroids(polyhedra: Grains) -> NDArray[np.float64]:
+    """Return the centroid [m] of each polyhedron, or of each grain of a packing, in its own frame, shape (n, 3)."""
     return integrate(polyhedra).centroids
 
 
-def inertia_tensors(polyhedra: Polyhedra) -> NDArray[np.float64]:
-    """Return the inertia tensor [m⁵] about the centroid for unit density, shape (n, 3, 3)."""
+def inertia_tensors(polyhedra: Grains) -> NDArray[np.float64]:
+    """Return the inertia tensor [m⁵] about the centroid for unit density, shape (n, 3, 3).
+
+    Of polyhedra or of the grains of a packing, each in its own frame.
+    """
     return integrate(polyhedra).inertias

@@ -47,7 +47,7 @@ def boxes_on_faces(polyhedra: Polyhedra) -> Floats:
 
 
 def rectangles(points: Floats, offsets: NDArray[np.int64]) -> Floats:
-    """Return the edges [m], longer first, of the smallest rectangle around each row of points in the plane.
+    """Return the edges [m] of the smallest rectangle around each row of points in the plane, and their least width.
 
     Parameters
     ----------
@@ -58,12 +58,13 @@ def rectangles(points: Floats, offsets: NDArray[np.int64]) -> Floats:
 
     Returns
     -------
-    ndarray, shape (n, 2)
-        NaN where a row has no points.
+    ndarray, shape (n, 3)
+        Longer edge, shorter edge, width across the direction in which it is least; NaN where a row has no points.
     """
-    edges = np.full((offsets.size - 1, 2), np.nan)
+    edges = np.full((offsets.size - 1, 3), np.nan)
     in_blocks(_rectangles, len(edges), np.ascontiguousarray(points), offsets, edges)
-    return np.asarray(-np.sort(-edges, axis=1))
+    edges[:, :2] = -np.sort(-edges[:, :2], axis=1)
+    return edges
 
 
 @njit(**INNER)
@@ -98,9 +99,9 @@ def _turn(a, b, c):  # type: ignore[no-untyped-def]
 
 @njit(**INNER)
 def _rectangle(points, hull):  # type: ignore[no-untyped-def]
-    """Return the edges of the smallest rectangle around points: one of its sides is on a side of their hull."""
+    """Return the edges of the smallest rectangle around points, and their least width: both by a side of the hull."""
     count = _hull(points, hull)
-    best, length, width = np.inf, 0.0, 0.0
+    best, length, width, least = np.inf, 0.0, 0.0, np.inf
     for i in range(count):
         k = i + 1 if i + 1 < count else 0
         ux, uy = hull[k, 0] - hull[i, 0], hull[k, 1] - hull[i, 1]
@@ -117,7 +118,8 @@ def _rectangle(points, hull):  # type: ignore[no-untyped-def]
         area = (along_high - along_low) * (across_high - across_low)
         if area < best:
             best, length, width = area, along_high - along_low, across_high - across_low
-    return length, width
+        least = min(least, across_high - across_low)
+    return length, width, least
 
 
 @njit(cache=True, nogil=True)
@@ -125,7 +127,8 @@ def _rectangles(start, stop, points, offsets, edges):  # type: ignore[no-untyped
     for i in range(start, stop):
         n = offsets[i + 1] - offsets[i]
         if n > 0:
-            edges[i, 0], edges[i, 1] = _rectangle(points[offsets[i] : offsets[i + 1]].copy(), np.empty((n + 2, 2)))
+            found = _rectangle(points[offsets[i] : offsets[i + 1]].copy(), np.empty((n + 2, 2)))
+            edges[i, 0], edges[i, 1], edges[i, 2] = found
 
 
 @njit(cache=True, nogil=True)
@@ -157,7 +160,7 @@ def _boxes(start, stop, vertices, vertex_offsets, face_offsets, normals, edges):
                 low, high = min(low, height), max(high, height)
                 shadow[k, 0] = ux * x + uy * y + uz * z
                 shadow[k, 1] = wx * x + wy * y + wz * z
-            length, width = _rectangle(shadow, hull)
+            length, width, _ = _rectangle(shadow, hull)
             if length * width * (high - low) < best:
                 best = length * width * (high - low)
                 edges[i, 0], edges[i, 1], edges[i, 2] = length, width, high - low

@@ -6,48 +6,61 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from grainsdem.errors import InputError, name_offenders
 from grainsdem.geometry.integrals import integrate
+from grainsdem.model import Packing
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from grainsdem.geometry.integrals import Integrals
-    from grainsdem.model import Packing
+    from grainsdem.model.given import Grains
 
     Floats = NDArray[np.float64]
 
 
+def above_zero(volumes: Floats) -> Floats:
+    """Return volumes [m³] that are grains', or raise `InputError` where one is not above zero, and name it."""
+    bad = np.flatnonzero(~(volumes > 0))
+    if bad.size:
+        raise InputError(
+            f"grains must have volumes above zero, faces counter-clockwise seen from outside; {bad.size} of "
+            f"{volumes.size} have not: {name_offenders(bad)} (of the first it is {volumes[bad[0]]:.4g} m3)"
+        )
+    return volumes
+
+
 def sphere_diameters(volumes: Floats) -> Floats:
     """Return the diameters [m] of the spheres of the given volumes [m³]."""
-    return np.cbrt(6 * volumes / np.pi)
+    return np.cbrt(6 * above_zero(volumes) / np.pi)
 
 
 def wadell(volumes: Floats, areas: Floats) -> Floats:
     """Return Wadell's sphericity from volumes [m³] and surface areas [m²]."""
-    result: Floats = np.cbrt(np.pi) * np.cbrt(6 * volumes) ** 2 / areas
+    result: Floats = np.cbrt(np.pi) * np.cbrt(6 * above_zero(volumes)) ** 2 / areas
     return result
 
 
-def grain_diameters(packing: Packing, measured: Integrals | None = None) -> Floats:
+def grain_diameters(grains: Grains, measured: Integrals | None = None) -> Floats:
     """Return the diameter [m] of each grain's equal-volume sphere, or in a planar bed of its equal-area circle."""
-    measured = measured or integrate(packing.grains)
-    if not packing.domain.is_planar:
+    measured = measured or integrate(grains)
+    if not (isinstance(grains, Packing) and grains.domain.is_planar):
         return sphere_diameters(measured.volumes)
-    return np.sqrt(4 / np.pi * measured.volumes / thickness(packing))
+    return np.sqrt(4 / np.pi * above_zero(measured.volumes) / thickness(grains))
 
 
-def grain_sphericities(packing: Packing, measured: Integrals | None = None) -> Floats:
+def grain_sphericities(grains: Grains, measured: Integrals | None = None) -> Floats:
     """Return each grain's sphericity; in a planar bed the circle of equal area's perimeter over the grain's own.
 
     Notes
     -----
     A prism of thickness t has a base of area V / t, and a perimeter of (A - 2 V / t) / t.
     """
-    measured = measured or integrate(packing.grains)
-    if not packing.domain.is_planar:
+    measured = measured or integrate(grains)
+    if not (isinstance(grains, Packing) and grains.domain.is_planar):
         return wadell(measured.volumes, measured.areas)
-    t = thickness(packing)
-    base = measured.volumes / t
+    t = thickness(grains)
+    base = above_zero(measured.volumes) / t
     result: Floats = 2 * np.sqrt(np.pi * base) * t / (measured.areas - 2 * base)
     return result
 

@@ -20,8 +20,8 @@ from grainsdem.errors import InputError
 from grainsdem.geometry.forms.sizes import grain_diameters
 from grainsdem.geometry.integrals import volumes
 from grainsdem.measures.distributions.fits import FAMILIES, check_options, fit_sizes
-from grainsdem.measures.grains.shapes import box_axes
-from grainsdem.measures.grains.sizes import percentiles
+from grainsdem.measures.grains.sizes import percentiles, sieve_diameters
+from grainsdem.model.given import require_packing
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -189,8 +189,8 @@ def size_distribution(
     packing : Packing
         A bed of at least one grain.
     diameter : {"volume", "sieve"}
-        That of the sphere of equal volume, in a planar bed of the circle of equal area; or the b axis of the smallest
-        box on a face (see `box_axes`).
+        That of the sphere of equal volume, in a planar bed of the circle of equal area; or the side of the smallest
+        square hole that a grain passes (see `sieve_diameters`).
     confidence : float
         How often the intervals of the fits are to hold the truth.
 
@@ -206,6 +206,7 @@ def size_distribution(
     InputError
         If there is no grain, the diameter is unknown, or a planar bed is to be sieved.
     """
+    require_packing(packing)
     if diameter not in ("volume", "sieve"):
         raise InputError(f"diameter must be 'volume' or 'sieve'; got {diameter!r}")
     if not len(packing):
@@ -213,7 +214,7 @@ def size_distribution(
     if diameter == "sieve" and packing.domain.is_planar:
         raise InputError("a planar bed has no sieve diameters; take those of equal area")
     check_options(FAMILIES[0], confidence)
-    sizes = grain_diameters(packing) if diameter == "volume" else box_axes(packing.grains)[:, 1]
+    sizes = grain_diameters(packing) if diameter == "volume" else sieve_diameters(packing)
     try:
         fits = {family: fit_sizes(sizes, family, confidence=confidence).to_dict() for family in FAMILIES}
     except InputError:  # too few, or all of one size

@@ -2,7 +2,7 @@
 
 from grainsdem.measures.grains.files import to_pandas, write_csv, write_table
 from grainsdem.measures.grains.shapes import box_axes, ellipsoid_axes, krumbein, sphericities, zingg
-from grainsdem.measures.grains.sizes import diameters, masses, percentiles
+from grainsdem.measures.grains.sizes import diameters, masses, percentiles, sieve_diameters
 from grainsdem.measures.grains.tables import neighbor_table, summary, table
 
 __all__ = [
@@ -13,6 +13,7 @@ __all__ = [
     "masses",
     "neighbor_table",
     "percentiles",
+    "sieve_diameters",
     "sphericities",
     "summary",
     "table",

@@ -19,14 +19,15 @@ import numpy as np
 
 from grainsdem.errors import InputError, ShapeError, name_offenders
 from grainsdem.geometry.forms.boxes import boxes_on_faces
-from grainsdem.geometry.forms.sizes import wadell
+from grainsdem.geometry.forms.sizes import above_zero, grain_sphericities
 from grainsdem.geometry.integrals import integrate
+from grainsdem.model.given import grains_of
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from grainsdem.geometry.integrals import Integrals
-    from grainsdem.model import Polyhedra
+    from grainsdem.model.given import Grains
 
     Floats = NDArray[np.float64]
 
@@ -37,26 +38,41 @@ ZINGG_CLASSES = ("blade", "rod", "disc", "spheroid")
 """Zingg's classes: neither ratio above the bound, c/b alone, b/a alone, both."""
 
 
-def sphericities(grains: Polyhedra) -> Floats:
+def sphericities(grains: Grains) -> Floats:
     """Return Wadell's sphericity of each grain, shape (n,): surface of the equal-volume sphere over its own.
+
+    Parameters
+    ----------
+    grains : Packing or Polyhedra
+        Of a planar packing it is the perimeter of the circle of equal area over the outline's; grains alone do not know
+        that they are flat.
+
+    Raises
+    ------
+    InputError
+        If a grain's volume is not above zero: it is empty, or wound inside out.
 
     Notes
     -----
     S = π^(1/3) (6 V)^(2/3) / A: 1 for a sphere, 0.806 for a cube, 0.671 for a regular tetrahedron.
     """
-    measured = integrate(grains)
-    return wadell(measured.volumes, measured.areas)
+    return grain_sphericities(grains)
 
 
-def ellipsoid_axes(grains: Polyhedra, *, measured: Integrals | None = None) -> Floats:
+def ellipsoid_axes(grains: Grains, *, measured: Integrals | None = None) -> Floats:
     """Return the axes [m] a >= b >= c, shape (n, 3), of the ellipsoid that turns like each grain.
 
     Parameters
     ----------
-    grains : Polyhedra
+    grains : Packing or Polyhedra
         Closed polyhedra.
     measured : Integrals, optional
         What `integrate` returned for them, where it is known already.
+
+    Raises
+    ------
+    InputError
+        If a grain's volume is not above zero: it is empty, or wound inside out.
 
     Notes
     -----
@@ -64,21 +80,27 @@ def ellipsoid_axes(grains: Polyhedra, *, measured: Integrals | None = None) -> F
     a_k = 2 √(5 ∫x_k² dV / V). A ball has its diameter three times; a cube of edge s has s √(5/3).
     """
     found = measured or integrate(grains)
+    above_zero(found.volumes)
     moments = np.linalg.eigvalsh(found.inertias)  # rising: the longest axis has the least moment
     squares = 0.5 * moments.sum(axis=1, keepdims=True) - moments
     return np.asarray(2 * np.sqrt(5 * np.maximum(squares, 0.0) / found.volumes[:, None]))
 
 
-def box_axes(grains: Polyhedra) -> Floats:
+def box_axes(grains: Grains) -> Floats:
     """Return the edges [m] a >= b >= c, shape (n, 3), of each grain's smallest box with a side on one of its faces.
+
+    Parameters
+    ----------
+    grains : Packing or Polyhedra
+        Convex grains; which way their faces are wound does not matter.
 
     Notes
     -----
-    The caliper axes of sedimentology; b is the sieve diameter, since a grain that turns its longest axis upward passes
-    a square opening of that width. Another box, that only edges of the grain lie on, may be smaller still, as the cube
-    around a regular tetrahedron is.
+    The caliper axes of sedimentology. A grain passes a square opening of width b, and most pass a smaller one, see
+    `sieve_diameters`. Another box, that only edges of the grain lie on, may be smaller still, as the cube around a
+    regular tetrahedron is.
     """
-    return boxes_on_faces(grains)
+    return boxes_on_faces(grains_of(grains))
 
 
 def krumbein(axes: ArrayLike) -> Floats:

@@ -7,23 +7,76 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.errors import InputError, ShapeError
-from grainsdem.geometry.forms.sizes import sphere_diameters, weighted_percentiles
+from grainsdem.geometry.forms.boxes import rectangles
+from grainsdem.geometry.forms.holes import square_holes
+from grainsdem.geometry.forms.sizes import above_zero, grain_diameters, weighted_percentiles
 from grainsdem.geometry.integrals import volumes
+from grainsdem.geometry.rotations import world_vertices
+from grainsdem.model import Packing
+from grainsdem.model.given import grains_of, require_packing
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from grainsdem.model import Packing, Polyhedra
+    from grainsdem.model.given import Grains
 
 
-def diameters(grains: Polyhedra) -> NDArray[np.float64]:
-    """Return the diameter [m] of the sphere of each grain's volume, (6 V / π)^(1/3), shape (n,)."""
-    return sphere_diameters(volumes(grains))
+def diameters(grains: Grains) -> NDArray[np.float64]:
+    """Return the diameter [m] of the sphere of each grain's volume, (6 V / π)^(1/3), shape (n,).
+
+    Parameters
+    ----------
+    grains : Packing or Polyhedra
+        Of a planar packing it is the diameter of the circle of equal area; grains alone do not know that they are flat.
+
+    Raises
+    ------
+    InputError
+        If a grain's volume is not above zero: it is empty, or wound inside out.
+    """
+    return grain_diameters(grains)
+
+
+def sieve_diameters(grains: Grains) -> NDArray[np.float64]:
+    """Return the side [m] of the smallest square hole that each grain passes, turned as it may be, shape (n,).
+
+    Parameters
+    ----------
+    grains : Packing or Polyhedra
+        Convex grains. Of a planar packing it is the narrowest slit that each outline passes, its least width.
+
+    Notes
+    -----
+    A grain passes along the hole's axis where its shadow along it does: the side is the least of max(w(u), w(v)) over
+    all directions u and v at right angles, w the width of the grain. It is looked for among all orientations, and what
+    is found is one's; it is above the least of all by less than 0.5 % (0.1 % at most on 1800 grains of all kinds).
+    A ball passes a square of its diameter, a regular tetrahedron of edge 1 one of 1/√2, a brick with edges a >= b >= c
+    one of min(b, (b + c) / √2), and a disc of diameter D and thickness t one of min(D, (D + t) / √2): thin grains pass
+    along the diagonal.
+
+    Examples
+    --------
+    A cube passes a hole of its edge, and no smaller one.
+
+    >>> from grainsdem import Domain, carve, tessellate
+    >>> sieve_diameters(carve(tessellate([[0.5, 0.5, 0.5]], Domain.cube()), keep="all")).round(3)
+    array([1.])
+    """
+    if isinstance(grains, Packing) and grains.domain.is_planar:
+        return rectangles(world_vertices(grains)[:, :2], grains.grains.vertex_offsets)[:, 2]
+    return square_holes(grains_of(grains))
 
 
 def masses(packing: Packing) -> NDArray[np.float64]:
-    """Return the mass [kg] of each grain, density times exact volume, shape (n,)."""
-    return packing.densities * volumes(packing.grains)
+    """Return the mass [kg] of each grain, density times exact volume, shape (n,).
+
+    Raises
+    ------
+    InputError
+        If a grain's volume is not above zero, or grains are given without the packing that has their densities.
+    """
+    require_packing(packing)
+    return packing.densities * above_zero(volumes(packing))
 
 
 def percentiles(values: ArrayLike, q: ArrayLike, *, weights: ArrayLike | None = None) -> NDArray[np.float64]:

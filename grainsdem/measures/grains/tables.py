@@ -12,8 +12,9 @@ from grainsdem.geometry.forms.sizes import grain_diameters, grain_sphericities
 from grainsdem.geometry.integrals import face_planes, integrate
 from grainsdem.geometry.rotations import to_matrices, world_vertices
 from grainsdem.measures.grains.shapes import box_axes, ellipsoid_axes, krumbein, zingg
-from grainsdem.measures.grains.sizes import percentiles
+from grainsdem.measures.grains.sizes import percentiles, sieve_diameters
 from grainsdem.measures.porosity import core_box, porosity
+from grainsdem.model.given import require_packing
 from grainsdem.ragged import owners
 
 if TYPE_CHECKING:
@@ -48,15 +49,22 @@ def table(packing: Packing) -> NDArray[np.void]:
         ``id``; centroid ``x``, ``y``, ``z`` [m]; ``volume`` [m³]; ``area`` [m²]; ``diameter`` [m] of the sphere of
         equal volume; Wadell's ``sphericity``; ``n_faces``; ``n_vertices``; ``mass`` [kg]; axes ``a``, ``b``, ``c`` [m]
         of the ellipsoid of equal inertia (`ellipsoid_axes`) and ``box_a``, ``box_b``, ``box_c`` [m] of the smallest box
-        on a face (`box_axes`); and from that box ``sieve_diameter`` [m], its b, Krumbein's sphericity ``krumbein``,
-        ``elongation`` b/a, ``flatness`` c/b and the class ``zingg``.
+        on a face (`box_axes`); from that box Krumbein's sphericity ``krumbein``, ``elongation`` b/a, ``flatness`` c/b
+        and the class ``zingg``; and ``sieve_diameter`` [m], the smallest square hole (`sieve_diameters`).
 
         While a packing knows its cells also ``n_neighbors``, the grains across its faces, and ``mean_distance`` and
         ``min_distance`` [m] from centroid to centroid of those, NaN without any; else these columns are missing.
 
         In a planar bed ``diameter`` is that of the circle of equal area, ``sphericity`` that circle's perimeter over
-        the grain's own, the axes a and b are those in the plane, and what needs a third is missing.
+        the grain's own, the axes a and b are those in the plane, what needs a third is missing, and ``sieve_diameter``
+        is the grain's least width: that of the narrowest slit.
+
+    Raises
+    ------
+    InputError
+        If a grain's volume is not above zero: it is empty, or wound inside out.
     """
+    require_packing(packing)
     measured = integrate(packing.grains)
     columns: Columns = {"id": np.arange(len(packing), dtype=np.int32)}
     columns |= {axis: packing.positions[:, k] for k, axis in enumerate("xyz")}
@@ -93,6 +101,7 @@ def neighbor_table(packing: Packing) -> NDArray[np.void]:
     InputError
         If the packing has lost its cells, as one does that was shuffled or settled.
     """
+    require_packing(packing)
     if packing.links is None:
         raise InputError("the packing has lost the cells that it grew in, and with them its neighbours; see contacts")
     faces, i, j, distances = _across(packing, packing.links)
@@ -130,6 +139,7 @@ def summary(packing: Packing, graph: ContactGraph | None = None) -> dict[str, An
     ShapeError
         If the graph is of another number of grains.
     """
+    require_packing(packing)
     if len(packing) == 0:
         raise InputError("a summary needs at least one grain; the packing has none")
     if graph is not None and graph.n_grains != len(packing):
@@ -160,7 +170,8 @@ def _axes(packing: Packing, measured: Integrals) -> Columns:
     columns = dict(zip("abc", ellipsoid_axes(packing.grains, measured=measured).T, strict=True))
     box = box_axes(packing.grains)
     a, b, c = box.T
-    columns |= {"box_a": a, "box_b": b, "box_c": c, "sieve_diameter": b, "krumbein": krumbein(box)}
+    columns |= {"box_a": a, "box_b": b, "box_c": c, "sieve_diameter": sieve_diameters(packing)}
+    columns["krumbein"] = krumbein(box)
     return columns | {"elongation": b / a, "flatness": c / b, "zingg": zingg(box)}
 
 
@@ -173,8 +184,8 @@ def _axes_in_plane(packing: Packing, measured: Integrals) -> Columns:
     seconds = half[:, None, None] * np.eye(2) - inertias[:, :2, :2]
     squares = np.linalg.eigvalsh(seconds)[:, ::-1]
     a, b = 4 * np.sqrt(np.maximum(squares, 0.0) / measured.volumes[:, None]).T
-    box_a, box_b = rectangles(world_vertices(packing)[:, :2], packing.grains.vertex_offsets).T
-    return {"a": a, "b": b, "box_a": box_a, "box_b": box_b, "sieve_diameter": box_b, "elongation": box_b / box_a}
+    box_a, box_b, least = rectangles(world_vertices(packing)[:, :2], packing.grains.vertex_offsets).T
+    return {"a": a, "b": b, "box_a": box_a, "box_b": box_b, "sieve_diameter": least, "elongation": box_b / box_a}
 
 
 def _across(
