@@ -36,14 +36,15 @@ from grainsdem.errors import InputError
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from types import ModuleType
 
     from exporters.formats import Found
     from grainsdem.model import Packing
 
 __all__ = [
-    "FORMATS", "READERS", "Format", "files", "find", "known", "module_for", "read", "replay", "rounding", "write",
+    "FORMATS", "READERS", "Format", "files", "find", "known", "module_for", "options_for", "read", "replay", "rounding",
+    "write",
 ]  # fmt: skip
 
 
@@ -140,15 +141,38 @@ def _content(packing: Packing, found: Found, name: str, options: dict[str, Any])
     return content
 
 
-def _shared(found: Sequence[Found], options: dict[str, Any]) -> list[Any]:
+def options_for(words: Sequence[str], options: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return for each of several formats those of the options that it has.
+
+    Parameters
+    ----------
+    words : sequence of str
+        Names or suffixes of formats.
+    options : mapping of str to any
+        Fields of their options; each must be one of at least one format.
+
+    Raises
+    ------
+    InputError
+        If a format or an option is unknown, or an option is out of range.
+    """
+    found = [find(word) for word in words]
+    _shared(found, options)
+    return _parted(found, options)
+
+
+def _shared(found: Sequence[Found], options: Mapping[str, Any]) -> list[Any]:
     """Return the options of each format: those of the given that it has."""
+    parts = _parted(found, options)
+    return [one.module.Options(**part) for one, part in zip(found, parts, strict=True)]
+
+
+def _parted(found: Sequence[Found], options: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return which of the given options each format has; all must be known."""
     known_to = [{field.name for field in fields(one.module.Options)} for one in found]
     unknown = [option for option in options if not any(option in names for names in known_to)]
     if unknown:
         names = dict.fromkeys(field.name for one in found for field in fields(one.module.Options))
         formats = ", ".join(one.suffix or one.name for one in found) or "no format"
         raise InputError(f"{formats} has no option {', '.join(unknown)}; it has {', '.join(names)}")
-    return [
-        one.module.Options(**{key: value for key, value in options.items() if key in names})
-        for one, names in zip(found, known_to, strict=True)
-    ]
+    return [{key: value for key, value in options.items() if key in names} for names in known_to]

@@ -297,9 +297,9 @@ def test_options_that_a_format_does_not_know_are_refused(fresh):
         exporters.files(fresh, ".3mf", unit="furlong")
 
 
-@pytest.mark.unit
-def test_a_polygon_of_more_corners_than_ply_counts_is_refused():
-    n = 300
+@pytest.mark.client
+@pytest.mark.parametrize(("n", "parts"), [(255, [255]), (256, [3, 255]), (300, [47, 255]), (600, [94, 255, 255])])
+def test_a_polygon_of_more_corners_than_a_byte_counts_is_cut_into_such(tmp_path, n, parts):
     turns = 2 * np.pi * np.arange(n) / n
     ring = np.stack([np.cos(turns), np.sin(turns)], axis=1)
     vertices = np.vstack([np.c_[ring, -np.ones(n)], np.c_[ring, np.ones(n)]])
@@ -307,7 +307,9 @@ def test_a_polygon_of_more_corners_than_ply_counts_is_refused():
     faces = [list(range(n))[::-1], list(range(n, 2 * n)), *sides]
     shape = Polyhedra(vertices, [0, 2 * n], [0, n + 2], np.concatenate(faces), np.cumsum([0, *map(len, faces)]))
     drum = Packing(shape, np.zeros((1, 3)), [[1.0, 0, 0, 0]], [1.0], Domain(np.full(3, -9.0), np.full(3, 9.0)))
-    with pytest.raises(InputError, match="at most 255 corners; got one of 300"):
-        exporters.files(drum, ".ply", polygons=True)
+    polygons = pyvista.read(written(drum, tmp_path, ".ply", polygons=True))
+    assert sorted(cell.n_points for cell in polygons.cell) == sorted([*[4] * n, *parts, *parts])
+    assert polygons.extract_feature_edges(feature_edges=False, manifold_edges=False).n_cells == 0
+    assert polygons.volume == pytest.approx(volumes(shape).sum(), rel=1e-6)
     mesh = trimesh.load(io.BytesIO(exporters.files(drum, ".ply")["bed.ply"]), file_type="ply")
     assert mesh.volume == pytest.approx(volumes(shape).sum(), rel=1e-6)

@@ -13,6 +13,8 @@ import pytest
 from conftest import cube_packing
 from hypothesis import given
 from hypothesis import strategies as st
+from solids import place, polyhedra
+from typer.testing import CliRunner
 
 import exporters
 from exporters import usd
@@ -20,11 +22,13 @@ from exporters.units import units
 from exporters.usd import UsdOptions
 from exporters.usd.codes import packed_ints
 from exporters.usd.replay import write_replay
+from grainsdem.cli import app
 from grainsdem.errors import FileFormatError, InputError, MissingFileError, ShapeError, WriteError
 from grainsdem.geometry.integrals import face_planes, integrate
 from grainsdem.geometry.rotations import random_quaternions, to_matrices, world_vertices
-from grainsdem.model import Domain, Packing, Polyhedra
+from grainsdem.model import Domain
 from grainsdem.packing import rescale
+from grainsdem.storage import save
 from grainsdem.validation import compare
 
 REDS = [0.267, 0.279, 0.230, 0.173, 0.128, 0.158, 0.369, 0.678, 0.993]
@@ -215,34 +219,68 @@ def test_the_layer_of_one_cube_is_known_and_opens(cube, tmp_path):
     assert len(grain_prims(opened(path))) == 1
 
 
-@pytest.mark.unit
-def test_grains_too_large_for_physx_are_refused_or_named_in_the_log(cube, tmp_path, caplog):
-    drum = prism(40)  # eighty vertices
-    with pytest.raises(InputError, match=r"at most 64 vertices and 64 faces a hull .*hulls='any'.*; not so: 0$"):
-        exporters.write(drum, tmp_path / "drum.usdc")
-    assert not list(tmp_path.iterdir())
+@pytest.mark.client
+@pytest.mark.parametrize("suffix", [".usdc", ".usda", ".usdz"])
+def test_grains_too_large_for_physx_are_written_and_named_in_the_log(tmp_path, caplog, suffix):
+    bed = row(drum(4), drum(40), spindle(33))  # of 8, 80 and 35 vertices, 6, 42 and 66 faces
     with caplog.at_level(logging.WARNING):
-        exporters.write(cube, tmp_path / "cube.usdc", hulls="any")
+        exporters.write(row(drum(32), spindle(32)), tmp_path / f"bed{suffix}")
         assert not caplog.records
-        exporters.write(drum, tmp_path / "drum.usdc", hulls="any")
-    assert "more have grains 0" in caplog.text
-    stage = opened(tmp_path / "drum.usdc")
-    [body] = grain_prims(stage)
-    assert len(body.GetChild("shape").GetAttribute("points").Get()) == 80
+        exporters.write(bed, tmp_path / f"bed{suffix}")
+    [line] = caplog.messages
+    assert line.startswith("PhysX holds at most 64 vertices and 64 faces a hull on the GPU")
+    assert line.endswith("2 of 3 grains are beyond that: 1, 2")
+    stage = opened(tmp_path / f"bed{suffix}")
+    meshes = [body.GetChild("shape") for body in grain_prims(stage)]
+    assert [len(mesh.GetAttribute("points").Get()) for mesh in meshes] == [8, 80, 35]
+    assert [len(mesh.GetAttribute("faceVertexCounts").Get()) for mesh in meshes] == [6, 42, 66]
 
 
-def prism(sides):
-    """Return a drum with so many sides as a packing."""
+@pytest.mark.unit
+def test_grains_too_large_for_physx_are_refused_on_request(tmp_path):
+    bed = row(drum(4), *[drum(40)] * 7)
+    words = "7 of 8 grains are beyond that: 1, 2, 3, 4, 5 and 2 more; hulls='any' writes them all the same"
+    with pytest.raises(InputError, match=f"at most 64 vertices and 64 faces a hull on the GPU; {words}"):
+        exporters.write(bed, tmp_path / "bed.usdc", hulls="physx")
+    save(bed, tmp_path / "bed.h5")
+    command = ["export", str(tmp_path / "bed.h5"), str(tmp_path / "bed.usdc"), "--option", "hulls=physx"]
+    result = CliRunner().invoke(app, command)
+    assert result.exit_code == 2
+    assert words in result.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["bed.h5"]
+    assert CliRunner().invoke(app, command[:-2]).exit_code == 0
+
+
+@pytest.mark.unit
+def test_the_manifest_names_grains_too_large_for_physx(tmp_path):
+    bed = row(drum(4), *[drum(40)] * 7)
+    rows = json.loads(exporters.write(bed, tmp_path, formats=["usdc", "stl"])[-1].read_text())["formats"]
+    assert rows[0]["report"] == {
+        "most_vertices_of_physx": 64, "most_faces_of_physx": 64,
+        "n_grains_beyond": 7, "first_grains_beyond": [1, 2, 3, 4, 5],
+    }  # fmt: skip
+    rows = json.loads(exporters.write(row(drum(4)), tmp_path, formats=["usdc"])[-1].read_text())["formats"]
+    assert (rows[0]["report"]["n_grains_beyond"], rows[0]["report"]["first_grains_beyond"]) == (0, [])
+
+
+def ring(sides, height):
     angles = 2 * np.pi * np.arange(sides) / sides
-    ring = np.c_[np.cos(angles), np.sin(angles)]
-    vertices = np.concatenate([np.c_[ring, np.full(sides, z)] for z in (-0.5, 0.5)])
-    turn = np.roll(np.arange(sides), -1)
-    walls = np.stack([np.arange(sides), turn, turn + sides, np.arange(sides) + sides], axis=1)
-    faces = [np.arange(sides)[::-1], np.arange(sides) + sides, *walls]
-    shapes = Polyhedra(
-        vertices, [0, 2 * sides], [0, len(faces)], np.concatenate(faces), np.cumsum([0, *map(len, faces)])
-    )
-    return Packing(shapes, [[2.0, 2.0, 2.0]], [[1.0, 0, 0, 0]], [1.0], Domain.cube(4.0))
+    return np.c_[np.cos(angles), np.sin(angles), np.full(sides, height)]
+
+
+def drum(sides):
+    """Return corners: twice as many as it has sides, and two faces more than sides."""
+    return np.concatenate([ring(sides, -0.5), ring(sides, 0.5)])
+
+
+def spindle(sides):
+    """Return corners: two more than the ring between its tips, and twice as many faces."""
+    return np.concatenate([ring(sides, 0.0), [[0, 0, -0.5], [0, 0, 0.5]]])
+
+
+def row(*clouds):
+    """Return convex grains in a row."""
+    return place(polyhedra(*clouds), 4.0 * np.arange(len(clouds))[:, None] * [1, 0, 0])
 
 
 @pytest.mark.client
@@ -527,9 +565,9 @@ def test_prisms_of_a_planar_bed_stand_between_smooth_walls_and_fall_along_y(cube
     inner = {"floor": (1, 0.0), "wall_x0": (0, 0.0), "wall_x1": (0, 4.0), "wall_z0": (2, 0.0), "wall_z1": (2, 2.0)}
     walls = {prim.GetName(): prim for prim in stage.GetPrimAtPath("/World/Container").GetChildren()}
     assert walls.keys() == inner.keys()
-    for name, (axis, place) in inner.items():
+    for name, (axis, at) in inner.items():
         box = cache.ComputeWorldBound(walls[name]).ComputeAlignedRange()
-        assert min(abs(box.GetMin()[axis] - place), abs(box.GetMax()[axis] - place)) < 1e-6
+        assert min(abs(box.GetMin()[axis] - at), abs(box.GetMax()[axis] - at)) < 1e-6
         material, _ = UsdShade.MaterialBindingAPI(walls[name]).ComputeBoundMaterial("physics")
         friction = UsdPhysics.MaterialAPI(material.GetPrim()).GetDynamicFrictionAttr().Get()
         assert friction == (0.0 if axis == 2 else 0.5)

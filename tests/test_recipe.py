@@ -78,6 +78,11 @@ def test_the_example_recipe_can_be_read():
         ({"seeds": {"count": 0}}, "seeds.count: .*greater than or equal to 1; got 0"),
         ({"domain": {"lengths": [1, 2]}}, "domain.lengths.2: missing"),
         ({"output": {"formats": ["gltf"]}}, "output: formats must be among xml, usdc, .*stl.*; got gltf"),
+        ({"output": {"options": {"hulls": "no"}}}, "output: hulls must be one of any, physx; got 'no'"),
+        (
+            {"output": {"formats": ["stl"], "options": {"hulls": "any"}}},
+            r"output: \.stl has no option hulls; it has binary",
+        ),
     ],
 )
 def test_wrong_keys_and_values_are_refused_with_what_is_allowed(change, words):
@@ -101,6 +106,14 @@ def test_files_that_are_no_recipes_get_one_clear_error(tmp_path):
     (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(FileFormatError, match=r"bytes\.toml"):
         recipes.read(tmp_path / "bytes.toml")
+
+
+def test_each_format_gets_the_options_that_it_has(tmp_path):
+    options = {"units": "mm", "hulls": "physx"}
+    output = {"formats": ["obj", "usda"], "options": options, "figures": False}
+    recipes.run(recipes.make(**SMALL, output=output), tmp_path)
+    assert (tmp_path / "bed.obj").read_text().startswith("# unit 0.001 m\n")
+    assert "metersPerUnit = 0.001" in (tmp_path / "bed.usda").read_text()
 
 
 def test_a_bed_that_fails_validation_is_not_written(tmp_path):

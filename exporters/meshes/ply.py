@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from exporters.check import check_name, measured, stretches
-from grainsdem.errors import InputError
 from grainsdem.geometry.rotations import world_vertices
 from grainsdem.geometry.triangles import best_apexes, triangles
-from grainsdem.ragged import owners
+from grainsdem.ragged import offsets_from_counts, owners, sum_rows
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -21,7 +20,7 @@ if TYPE_CHECKING:
     from grainsdem.model import Packing, Polyhedra
 
 MOST_CORNERS = 255
-"""Corners of a face that its one byte can count."""
+"""Corners of a face that its one byte can count; VTK takes no wider count."""
 
 TRIANGLE = np.dtype([("count", "u1"), ("corners", "<i4", 3), ("grain", "<i4")])
 """One triangle of the file."""
@@ -35,7 +34,7 @@ class PlyOptions:
     ----------
     polygons : bool
         The grains' own faces, for ParaView, MeshLab or Blender; else triangles, since some readers take no faces of
-        different numbers of corners.
+        different numbers of corners. A face of more than 255 corners, which PLY does not count, is cut into such.
     double : bool
         Vertices in double precision, which some viewers do not read, and not in single.
     """
@@ -62,28 +61,26 @@ def files(
     Raises
     ------
     InputError
-        If the packing is empty or not finite, or a polygon has more than 255 corners.
+        If the packing is empty or not finite.
     """
     check_name(name)
     measured(packing)
     options = options or PlyOptions()
-    most = int(np.diff(packing.grains.face_vertex_offsets).max())
-    if options.polygons and most > MOST_CORNERS:
-        raise InputError(f"a polygon of a PLY file has at most {MOST_CORNERS} corners; got one of {most}")
     return {f"{name}{suffix}": _content(packing, options)}
 
 
 def _content(packing: Packing, options: PlyOptions) -> Iterator[bytes]:
     grains = packing.grains
     real = "double" if options.double else "float"
-    n_triangles = int(np.maximum(np.diff(grains.face_vertex_offsets) - 2, 0).sum())
+    counts = np.diff(grains.face_vertex_offsets)
+    n_faces = int((_n_parts(counts) if options.polygons else np.maximum(counts - 2, 0)).sum())
     header = [
         "ply",
         "format binary_little_endian 1.0",
         "comment metres",
         f"element vertex {len(grains.vertices)}",
         *(f"property {real} {axis}" for axis in "xyz"),
-        f"element face {grains.n_faces if options.polygons else n_triangles}",
+        f"element face {n_faces}",
         "property list uchar int vertex_indices",
         "property int grain",
         "end_header",
@@ -109,6 +106,7 @@ def _triangles(grains: Polyhedra, first: int, starts: NDArray[np.int64]) -> NDAr
 
 def _polygons(grains: Polyhedra, first: int, starts: NDArray[np.int64]) -> NDArray[Any]:
     """Return the faces of such grains as bytes: how many corners in one, the corners and the grain in four each."""
+    grains = _counted_by_a_byte(grains)
     ids = owners(grains.face_offsets)
     counts = np.diff(grains.face_vertex_offsets)
     corners = grains.face_vertices.astype(np.int64) + np.repeat(starts[ids], counts)
@@ -118,6 +116,30 @@ def _polygons(grains: Polyhedra, first: int, starts: NDArray[np.int64]) -> NDArr
     _put(content, heads + 4 * counts + 1, first + ids)
     _put(content, 4 * np.arange(corners.size) + np.repeat(5 * np.arange(counts.size) + 1, counts), corners)
     return content
+
+
+def _n_parts(counts: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return how many faces a byte can count faces of so many corners become; two parts share two corners."""
+    parts: NDArray[np.int64] = np.maximum(-(-(counts - 2) // (MOST_CORNERS - 2)), 1)
+    return parts
+
+
+def _counted_by_a_byte(grains: Polyhedra) -> Polyhedra:
+    """Return the grains, faces of more corners cut along chords from their first one."""
+    counts = np.diff(grains.face_vertex_offsets)
+    if counts.max(initial=0) <= MOST_CORNERS:
+        return grains
+    loops: list[NDArray[np.int32]] = []
+    for f in range(counts.size):
+        loop = grains.face_vertices[grains.face_vertex_offsets[f] : grains.face_vertex_offsets[f + 1]]
+        starts = range(1, max(loop.size - 1, 2), MOST_CORNERS - 2)
+        loops += [np.concatenate([loop[:1], loop[start : start + MOST_CORNERS - 1]]) for start in starts]
+    return replace(
+        grains,
+        face_offsets=offsets_from_counts(sum_rows(_n_parts(counts), grains.face_offsets)),
+        face_vertices=np.concatenate(loops),
+        face_vertex_offsets=offsets_from_counts([loop.size for loop in loops]),
+    )
 
 
 def _put(content: NDArray[np.uint8], places: NDArray[np.int64], values: NDArray[np.int64]) -> None:

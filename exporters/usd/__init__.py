@@ -11,17 +11,17 @@ import tempfile
 from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 from zipfile import ZipFile, ZipInfo
 
 import numpy as np
 
-from exporters.check import check_choice, check_name, check_positive, measured, refuse
+from exporters.check import check_choice, check_name, check_positive, measured
 from exporters.container import check_colour, colours_of
 from exporters.units import check_units, chosen_units, factors_of
 from exporters.usd.crate import crate
 from exporters.usd.scene import Bed, metadata, world
-from grainsdem.errors import WriteError, name_offenders
+from grainsdem.errors import InputError, WriteError, name_offenders
 from grainsdem.geometry.integrals import volumes
 
 if TYPE_CHECKING:
@@ -65,9 +65,9 @@ class UsdOptions:
         Units of the stage, which it says itself: metres and kilograms; a length in metres with kilograms; or median
         diameters and their masses, for programs that take grains of a few millimetres for massless. Newton gives bodies
         with moments of inertia below 1e-10, quartz under 4 mm in SI, one of 1e-6.
-    hulls : {"physx", "any"}
-        Whether every grain must be one that PhysX can hold on the GPU, at most 64 vertices and 64 faces, or those that
-        it will simplify are named in the log.
+    hulls : {"any", "physx"}
+        PhysX holds at most 64 vertices and 64 faces a hull on the GPU, and simplifies what has more. Such grains are
+        written like all others, and named in the log and the manifest; or they are refused.
 
     Raises
     ------
@@ -83,7 +83,7 @@ class UsdOptions:
     walls: Literal["box", "floor", "none"] = "box"
     colour: Colour = "mineral"
     units: Units = "si"
-    hulls: Literal["physx", "any"] = "physx"
+    hulls: Literal["any", "physx"] = "any"
 
     def __post_init__(self) -> None:
         for name in ("friction", "restitution", "gravity", "contact_gap"):
@@ -91,7 +91,7 @@ class UsdOptions:
         if self.wall_friction is not None:
             check_positive("wall_friction", self.wall_friction, or_zero=True)
         check_choice("walls", self.walls, ("box", "floor", "none"))
-        check_choice("hulls", self.hulls, ("physx", "any"))
+        check_choice("hulls", self.hulls, ("any", "physx"))
         check_colour(self.colour)
         check_units(self.units)
 
@@ -113,7 +113,8 @@ def files(
     Raises
     ------
     InputError
-        If the packing is empty or holds numbers that are not finite, or a grain is too large a hull for PhysX.
+        If the packing is empty or holds numbers that are not finite, or a grain is too large a hull for PhysX
+        and ``hulls`` is ``"physx"``.
     """
     check_name(name)
     options = options or UsdOptions()
@@ -132,26 +133,40 @@ def factors(packing: Packing, options: UsdOptions) -> dict[str, float]:
     return factors_of(_scales(packing, volumes(packing.grains), options.units))
 
 
+def report(packing: Packing, options: UsdOptions) -> dict[str, Any]:  # noqa: ARG001  (every format's has both)
+    """Return which grains PhysX simplifies on the GPU: how many there are, and the first of them."""
+    large = _beyond_physx(packing)
+    return {
+        "most_vertices_of_physx": _MOST_VERTICES,
+        "most_faces_of_physx": _MOST_FACES,
+        "n_grains_beyond": len(large),
+        "first_grains_beyond": large[:5],
+    }
+
+
 def _scales(packing: Packing, grain_volumes: NDArray[np.float64], units: Units) -> GrainUnits:
     """Return the factors to SI; a stage counts time in seconds whatever its other units are."""
     return replace(chosen_units(units, grain_volumes, packing.densities), time=1.0)
 
 
-def _see_large_hulls(packing: Packing, hulls: Literal["physx", "any"]) -> None:
-    """Refuse grains that PhysX would simplify on the GPU, or log which they are."""
+def _beyond_physx(packing: Packing) -> list[int]:
+    """Return the grains that are larger hulls than PhysX holds on the GPU."""
     grains = packing.grains
     large = (np.diff(grains.vertex_offsets) > _MOST_VERTICES) | (np.diff(grains.face_offsets) > _MOST_FACES)
+    found: list[int] = np.flatnonzero(large).tolist()
+    return found
+
+
+def _see_large_hulls(packing: Packing, hulls: Literal["any", "physx"]) -> None:
+    """Log which grains PhysX simplifies on the GPU, or refuse them."""
+    large = _beyond_physx(packing)
+    if not large:
+        return
+    limit = f"PhysX holds at most {_MOST_VERTICES} vertices and {_MOST_FACES} faces a hull on the GPU"
+    beyond = f"{len(large)} of {len(packing)} grains are beyond that: {name_offenders(large)}"
     if hulls == "physx":
-        refuse(
-            f"PhysX holds at most {_MOST_VERTICES} vertices and {_MOST_FACES} faces a hull on the GPU (pass "
-            "hulls='any' for other programs)",
-            large,
-        )
-    elif large.any():
-        _log.warning(
-            "PhysX holds at most %d vertices and %d faces a hull on the GPU; more have grains %s",
-            _MOST_VERTICES, _MOST_FACES, name_offenders(np.flatnonzero(large)),
-        )  # fmt: skip
+        raise InputError(f"{limit}; {beyond}; hulls='any' writes them all the same")
+    _log.warning("%s and simplifies what has more; %s", limit, beyond)
 
 
 def _text(layer: Iterable[bytes]) -> bytes:

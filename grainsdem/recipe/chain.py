@@ -134,9 +134,10 @@ def _write(packing: Packing, graph: ContactGraph, stem: Path, output: OutputTabl
     folder, name = stem.parent, stem.name
     with monitor.stage(f"Writing {name}") as tell:
         files = [storage.save(packing, folder / f"{name}.h5")]
+        options = exporters.options_for(output.formats, output.options)
         for k, suffix in enumerate(output.formats):
             tell(k / len(output.formats), suffix)
-            files += exporters.write(packing, folder / f"{name}.{suffix.removeprefix('.')}")
+            files += exporters.write(packing, folder / f"{name}.{suffix.removeprefix('.')}", **options[k])
     if output.figures:
         with monitor.stage(f"Drawing {name}"):
             files.append(figures.render(packing, folder / f"{name}.png"))

@@ -57,11 +57,14 @@ class OutputTable(Table):
     replays : list of str
         What the motions of settling and of experiments are written as: ``gif`` or ``webp`` for an animation, ``usdc``
         or ``usda`` for a stage and a layer over it with time samples, ``pvd`` for ParaView.
+    options : dict, optional
+        Options of the formats; each gets those that it has.
     """
 
     formats: tuple[str, ...] = ("xml", "usda", "stl")
     figures: bool = True
     replays: tuple[Literal["gif", "webp", "usdc", "usda", "pvd"], ...] = ()
+    options: dict[str, Any] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _known_formats(self) -> Self:
@@ -69,6 +72,8 @@ class OutputTable(Table):
         unknown = [name for name in self.formats if name.removeprefix(".") not in known]
         if unknown:
             raise ValueError(f"formats must be among {', '.join(known)}; got {name_offenders(unknown)}")
+        if self.options:
+            exporters.options_for(self.formats, self.options)
         return self
 
 
