@@ -29,7 +29,7 @@ NOT_BROUGHT = {"program", "environment"}
 """Fixtures of what `pip install ".[all,test]"` does not bring; what asks for one of them has the marker `programs`."""
 
 MOST_WORKERS = 4
-"""Processes that share the whole suite at most: each takes half a gigabyte and compiles kernels of its own."""
+"""Processes that share the whole suite at most: each takes a gigabyte and compiles kernels of its own."""
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -124,7 +124,7 @@ def environment(request):
             if not ready.is_file():
                 try:
                     for command in commands:
-                        subprocess.run(command, check=True, capture_output=True, text=True, timeout=600)
+                        subprocess.run(command, check=True, capture_output=True, text=True, timeout=1800)
                 except (OSError, subprocess.SubprocessError) as error:
                     why = getattr(error, "stderr", None) or error
                     pytest.skip(f"an environment with {', '.join(packages)} cannot be made: {why}")
