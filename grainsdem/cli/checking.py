@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 import typer
 
 import grainsdem
-from grainsdem.cli.options import Bed, Json, Quiet, app, err, guarded, load, out, print_json, show_summary
+from grainsdem.cli.options import Bed, Json, Quiet, app, err, guarded, load, out, prepare, print_json, show_summary
 
 
 @app.command()
@@ -40,6 +40,7 @@ def validate(
     from grainsdem.screen import ChainProgress, print_report
     from grainsdem.validation import SHAPE, compare
 
+    prepare("contacts", "proof", "shapes", quiet=quiet)
     packing = load(bed)
     original = None if against is None else load(against)
     with ChainProgress(err, shown=not (quiet or json_)) as progress, progress.stage("Validating") as tell:
@@ -101,6 +102,7 @@ def measure(
             check_table(path)
     if contacts is not None:
         check_edges(contacts)
+    prepare("contacts", "shapes", *(["walls"] if walls else []), quiet=quiet)
     packing = load(bed)
     graph = grainsdem.contacts(packing, within=within, walls=walls and contacts is not None)
     sizes = {"distribution": grainsdem.size_distribution(packing, diameter=diameter)} if distribution else {}

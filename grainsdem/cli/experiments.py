@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 import grainsdem
-from grainsdem.cli.options import Bed, Json, Quiet, Rng, app, err, guarded, keyed, load, out, print_json
+from grainsdem.cli.options import Bed, Json, Quiet, Rng, app, err, guarded, keyed, load, out, prepare, print_json
 from grainsdem.errors import InputError
 
 if TYPE_CHECKING:
@@ -344,6 +344,7 @@ def _perform(
     storage.check_suffix(output)
     if figure is not None:
         check_suffix(figure)
+    prepare("contacts", "shapes", quiet=quiet)
     packing = load(bed)
     with (
         ChainProgress(err, shown=not (quiet or json_)) as bars,

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from grainsdem.cli.options import Json, Quiet, Rng, app, err, guarded, keyed, out, print_json, show_summary
+from grainsdem.cli.options import Json, Quiet, Rng, app, err, guarded, keyed, out, prepare, print_json, show_summary
 from grainsdem.errors import InputError
 
 Process = Literal["halton", "poisson", "cluster", "strauss", "strauss_process", "density", "noise", "image", "file"]
@@ -43,10 +43,12 @@ def run(
 
 
 def _run(recipe: Path, folder: Path, *, json_: bool, quiet: bool) -> None:
+    from grainsdem import compiling
     from grainsdem import recipe as recipes
     from grainsdem.screen import ChainProgress, print_result
 
     wanted = recipes.read(recipe)
+    prepare(*compiling.STEPS, quiet=quiet)
     with ChainProgress(err, shown=not (quiet or json_)) as progress:
         result = recipes.run(wanted, folder, progress)
     if json_:
@@ -224,6 +226,7 @@ def generate(
             "sizes": _sizes(sizes, size_parameter, size_tolerance),
         },
     )
+    prepare("cells", "shapes", "contacts", *(["lloyd"] if relax else []), quiet=quiet)
     with ChainProgress(err, shown=not (quiet or json_)) as progress:
         packing = recipes.grow(wanted, progress)
     storage.save(packing, output)
@@ -280,6 +283,7 @@ def survey(
     from grainsdem.screen import ChainProgress
 
     plan = surveys.read(recipe, vary=surveys.parse_vary(vary or []), repeats=repeats)
+    prepare("cells", "lloyd", "shapes", "contacts", quiet=quiet)
     with ChainProgress(err, shown=not (quiet or json_)) as progress, progress.stage("Growing beds") as tell:
         table = surveys.run(plan, output, workers=workers, progress=counting_words(tell, "beds"))
     failed = int((table["error"] != "").sum())

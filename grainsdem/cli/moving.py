@@ -8,7 +8,21 @@ from typing import Annotated, Literal
 import typer
 
 import grainsdem
-from grainsdem.cli.options import Bed, Json, Quiet, Rng, app, densities, err, guarded, load, out, print_json, telling
+from grainsdem.cli.options import (
+    Bed,
+    Json,
+    Quiet,
+    Rng,
+    app,
+    densities,
+    err,
+    guarded,
+    load,
+    out,
+    prepare,
+    print_json,
+    telling,
+)
 
 
 @app.command()
@@ -58,6 +72,7 @@ def settle(
     from grainsdem.screen import ChainProgress, print_settling
 
     storage.check_suffix(output)
+    prepare("contacts", "shapes", quiet=quiet)
     packing = load(bed)
     with (
         ChainProgress(err, shown=not (quiet or json_)) as progress,
@@ -110,6 +125,7 @@ def heal(
     from grainsdem.screen import print_facts
 
     storage.check_suffix(output)
+    prepare("contacts", "shapes", quiet=quiet)
     packing = load(bed)
     healed = grainsdem.heal(packing, gap=gap, by=by, each=each)
     storage.save(healed.packing, output)

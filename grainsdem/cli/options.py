@@ -20,7 +20,10 @@ from grainsdem.errors import GrainsDEMError, InputError, ValidationError
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
+    from grainsdem.compiling import Step
     from grainsdem.model import ContactGraph, Packing
+
+LOG = logging.getLogger(__name__)
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -86,6 +89,24 @@ def telling(*, shown: bool) -> Iterator[None]:
     finally:
         logger.removeHandler(handler)
         logger.setLevel(before)
+
+
+def prepare(*steps: Step, quiet: bool) -> None:
+    """Compile the kernels that a command needs, and say so; most often they are in numba's cache."""
+    from grainsdem import compiling
+    from grainsdem.screen import ChainProgress
+
+    lacking = compiling.missing(steps)
+    if not lacking:
+        return
+    if not quiet:
+        spent = compiling.seconds(lacking)
+        err.print(f"compiling kernels, the first time on this machine: about {spent} s", highlight=False)
+    try:
+        with ChainProgress(err, shown=not quiet) as progress, progress.stage("Compiling") as tell:
+            compiling.compile_kernels(lacking, lambda done, n: tell(done / n, ""))
+    except Exception as error:  # noqa: BLE001  (nothing is lost: numba compiles each kernel where it is called)
+        LOG.debug("kernels were not compiled in advance: %s", error)
 
 
 def load(path: Path) -> Packing:

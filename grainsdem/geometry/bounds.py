@@ -82,8 +82,9 @@ def near_pairs(lower: Floats, upper: Floats, within: float = 0.0) -> NDArray[np.
     if n < 2:
         return np.empty((0, 2), dtype=np.int32)
     first, last = _cover(lower, upper, within)
-    bits = int(np.prod(last - first + 1, axis=1).sum()).bit_length()  # a table about as long as it has entries
-    grid = Grid(lower, upper, first, last, *_fill(first, last, bits), bits)
+    most = int(np.prod(last - first + 1, axis=1).sum())
+    bits = most.bit_length()  # a table about as long as it has entries
+    grid = Grid(lower, upper, first, last, *_fill(first, last, bits, most), bits)
     counts = np.empty(n, dtype=np.int64)
     table = np.empty((n, FEW), dtype=np.int32)
     in_blocks(_match, n, grid, within, counts, table)
@@ -245,34 +246,46 @@ def _bucket(x: int, y: int, z: int, bits: int) -> int:
     return int((key ^ (key >> np.uint64(31))) >> np.uint64(64 - bits))
 
 
+def _fill(
+    first: NDArray[np.int64], last: NDArray[np.int64], bits: int, most: int
+) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    """Enter each box once into every bucket that one of its cells falls in: ``most`` entries, or fewer."""
+    n = 1 << bits
+    starts, ends, latest = np.zeros(n + 1, np.int64), np.zeros(n, np.int64), np.full(n, -1, np.int32)
+    entries = np.empty(most, dtype=np.int32)
+    _enter(first, last, bits, starts, ends, latest, entries)
+    return starts, entries[: starts[-1]]
+
+
 @njit(cache=True)
-def _fill(first: NDArray[np.int64], last: NDArray[np.int64], bits: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """Enter each box once into every bucket that one of its cells falls in."""
-    starts = np.zeros((1 << bits) + 1, dtype=np.int64)
-    latest = np.full(1 << bits, -1, dtype=np.int32)
-    for i in range(len(first)):
-        for x in range(first[i, 0], last[i, 0] + 1):
-            for y in range(first[i, 1], last[i, 1] + 1):
-                for z in range(first[i, 2], last[i, 2] + 1):
-                    b = _bucket(x, y, z, bits)
-                    if latest[b] != i:
+def _enter(
+    first: NDArray[np.int64],
+    last: NDArray[np.int64],
+    bits: int,
+    starts: NDArray[np.int64],
+    ends: NDArray[np.int64],
+    latest: NDArray[np.int32],
+    entries: NDArray[np.int32],
+) -> None:
+    """Count the entries of each bucket in a first round, and write them in a second."""
+    for writes in range(2):
+        for i in range(len(first)):
+            for x in range(first[i, 0], last[i, 0] + 1):
+                for y in range(first[i, 1], last[i, 1] + 1):
+                    for z in range(first[i, 2], last[i, 2] + 1):
+                        b = _bucket(x, y, z, bits)
+                        if latest[b] == i:
+                            continue
                         latest[b] = i
-                        starts[b + 1] += 1
-    for b in range(1 << bits):
-        starts[b + 1] += starts[b]
-    entries = np.empty(starts[-1], dtype=np.int32)
-    place = starts[:-1].copy()
-    latest[:] = -1
-    for i in range(len(first)):
-        for x in range(first[i, 0], last[i, 0] + 1):
-            for y in range(first[i, 1], last[i, 1] + 1):
-                for z in range(first[i, 2], last[i, 2] + 1):
-                    b = _bucket(x, y, z, bits)
-                    if latest[b] != i:
-                        latest[b] = i
-                        entries[place[b]] = i
-                        place[b] += 1
-    return starts, entries
+                        if writes:
+                            entries[ends[b]] = i
+                        ends[b] += 1
+        if writes:
+            return
+        for b in range(ends.size):
+            starts[b + 1] = starts[b] + ends[b]
+            ends[b] = starts[b]
+            latest[b] = -1
 
 
 @njit(**INNER)
@@ -311,6 +324,22 @@ def _match(
         counts[i] = _find_partners(grid, within, i, table[i])
 
 
+@njit(**INNER)
+def _sort(row: NDArray[np.int32]) -> None:
+    """Sort a row, mostly of a few numbers (Shell 1959, with Knuth's steps): numba's own takes long to compile."""
+    step = 1
+    while 3 * step < row.size:
+        step = 3 * step + 1
+    while step > 0:
+        for k in range(step, row.size):
+            value, place = row[k], k
+            while place >= step and row[place - step] > value:
+                row[place] = row[place - step]
+                place -= step
+            row[place] = value
+        step //= 3
+
+
 @njit(cache=True, nogil=True)
 def _gather(
     start: int,
@@ -329,4 +358,4 @@ def _gather(
                 row[k] = table[i, k]
         else:
             _find_partners(grid, within, i, row)
-        row.sort()
+        _sort(row)

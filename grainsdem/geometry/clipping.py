@@ -98,7 +98,8 @@ def _cut(points, starts, plane, slack):  # type: ignore[no-untyped-def]
                 filled += 1
                 n_cap += 1
             if sb <= 0.0:
-                out[filled] = points[b]
+                for k in range(3):
+                    out[filled, k] = points[b, k]
                 filled += 1
             a, sa = b, sb
         out_starts[f + 1] = filled
@@ -116,12 +117,19 @@ def _cut(points, starts, plane, slack):  # type: ignore[no-untyped-def]
             my += cap[k, 1] / n_cap
             mz += cap[k, 2] / n_cap
         angles = np.empty(n_cap)
+        order = np.empty(n_cap, dtype=np.int64)
         for k in range(n_cap):
             x, y, z = cap[k, 0] - mx, cap[k, 1] - my, cap[k, 2] - mz
             angles[k] = np.arctan2((x * wx + y * wy + z * wz) / norm_w, (x * ux + y * uy + z * uz) / norm_u)
-        order = np.argsort(angles)
+            # A few corners: sorted as they come, where numba's own sort would take long to compile.
+            place = k
+            while place > 0 and angles[order[place - 1]] > angles[k]:
+                order[place] = order[place - 1]
+                place -= 1
+            order[place] = k
         for k in range(n_cap):
-            out[filled] = cap[order[k]]
+            for c in range(3):
+                out[filled, c] = cap[order[k], c]
             filled += 1
     out_starts[n_faces + 1] = filled
     return out[:filled], out_starts

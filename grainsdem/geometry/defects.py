@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from grainsdem.geometry.integrals import face_planes
-from grainsdem.geometry.threads import in_blocks
+from grainsdem.geometry.threads import INNER, in_blocks
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -71,6 +71,15 @@ def find_defects(polyhedra: Polyhedra) -> Defects:
     return result
 
 
+@njit(**INNER)
+def _distance(x: NDArray[np.float64], p: int, q: int) -> float:
+    """Return how far two vertices are apart."""
+    square = 0.0
+    for axis in range(3):
+        square += (x[p, axis] - x[q, axis]) ** 2
+    return float(np.sqrt(square))
+
+
 @njit(cache=True, nogil=True)
 def _find(
     start: int,
@@ -92,7 +101,8 @@ def _find(
         is_used[: v1 - v0] = False
         mean = np.zeros(3)
         for k in range(v0, v1):
-            mean += x[k] / (v1 - v0)
+            for axis in range(3):
+                mean[axis] += x[k, axis] / (v1 - v0)
         bad = 0
         for f in range(f0, f1):
             c0, c1 = corner_offsets[f], corner_offsets[f + 1]
@@ -102,8 +112,7 @@ def _find(
                 p, q = corners[c], corners[c0 if c + 1 == c1 else c + 1]
                 uses[min(p, q), max(p, q)] += 1
                 is_used[p] = True
-                length = np.sqrt(((x[v0 + p] - x[v0 + q]) ** 2).sum())
-                shortest_edges[i] = min(shortest_edges[i], length)
+                shortest_edges[i] = min(shortest_edges[i], _distance(x, v0 + p, v0 + q))
             smallest_faces[i] = min(smallest_faces[i], planes.areas[f])
         edges = 0
         for f in range(f0, f1):
@@ -128,11 +137,15 @@ def _find(
             longest = 0.0
             for c in range(c0, c1):
                 p, q = v0 + corners[c], v0 + corners[c0 if c + 1 == c1 else c + 1]
-                middle += x[p] / (c1 - c0)
-                longest = max(longest, np.sqrt(((x[p] - x[q]) ** 2).sum()))
+                for axis in range(3):
+                    middle[axis] += x[p, axis] / (c1 - c0)
+                longest = max(longest, _distance(x, p, q))
             width = 2.0 * planes.areas[f] / longest
             sign = 1.0
-            if (planes.normals[f] * (mean - middle)).sum() >= 0.0:
+            inward = 0.0
+            for axis in range(3):
+                inward += planes.normals[f, axis] * (mean[axis] - middle[axis])
+            if inward >= 0.0:
                 inward_faces[i] += 1
                 sign = -1.0
             for k in range(v0, v1):

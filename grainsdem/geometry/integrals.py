@@ -99,7 +99,9 @@ def _integrate(start, stop, mesh, volumes, areas, centroids, inertias):  # type:
         areas[i] = area
         g = np.zeros(3)
         if volume6 != 0.0:
-            g[:] = m / (4.0 * volume6)
+            # Number by number: numba would compile what the assignment of a whole array says of unlike shapes.
+            for k in range(3):
+                g[k] = m[k] / (4.0 * volume6)
         centroids[i, 0] = ox + g[0]
         centroids[i, 1] = oy + g[1]
         centroids[i, 2] = oz + g[2]

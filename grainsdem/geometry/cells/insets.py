@@ -69,7 +69,7 @@ def _carve(points, normals, moves, slack, radius, work):  # type: ignore[no-unty
     )
     n_tri, n_planes = np.int64(8), np.int64(6)  # typed: a literal would have numba compile every callee twice
     for f in range(len(normals)):
-        nx, ny, nz = normals[f]
+        nx, ny, nz = normals[f, 0], normals[f, 1], normals[f, 2]
         if nx == 0.0 and ny == 0.0 and nz == 0.0:
             continue  # a face without area bounds nothing
         # A plane that supports the body, whatever rounding did to the normal of a small face: moved inward, no such

@@ -136,7 +136,8 @@ def _lay_out(
         i = order[k]
         r = matrices[i]
         for v in range(vertex_offsets[i + 1] - vertex_offsets[i]):
-            x, y, z = vertices[vertex_offsets[i] + v]
+            old_v = vertex_offsets[i] + v
+            x, y, z = vertices[old_v, 0], vertices[old_v, 1], vertices[old_v, 2]
             square = 0.0
             for c in range(3):
                 s = r[c, 0] * x + r[c, 1] * y + r[c, 2] * z

@@ -151,7 +151,7 @@ def _tetrahedron(
         v[0] = v[1] = v[2] = 0.0
         return 0.0
     best = np.inf
-    chosen = 0
+    chosen = np.int64(0)  # typed, as below
     for f in range(4):
         i, j, k, o = _face(f)
         if weights[o] <= 0.0:
@@ -171,10 +171,12 @@ def _nearest(n: int, simplex: Simplex) -> float:
         weights[0] = 1.0
         v[0], v[1], v[2] = w[0, 0], w[0, 1], w[0, 2]
         return float(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    # Typed: a literal would have numba compile every callee twice.
+    first, second, third = np.int64(0), np.int64(1), np.int64(2)
     if n == 2:
-        return _segment(w, 0, 1, weights, v)
+        return _segment(w, first, second, weights, v)
     if n == 3:
-        return _triangle(w, 0, 1, 2, weights, v)
+        return _triangle(w, first, second, third, weights, v)
     return _tetrahedron(w, weights, v, simplex.spare)
 
 

@@ -117,7 +117,8 @@ def measure_cells(first, last, tree, frame, places, size, chunk, result, status)
             if code == CUT:
                 _measure(work[0], work[1], work[3], n_tri, row)
             else:
-                row[:] = 0.0
+                for k in range(5):
+                    row[k] = 0.0
             status[at] = code == FULL
 
 

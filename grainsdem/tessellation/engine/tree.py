@@ -92,7 +92,7 @@ def _split(points, weights, order, boxes, level, k, depth):  # type: ignore[no-u
             boxes[node, 3 + axis] = max(boxes[node, 3 + axis], points[i, axis])
         boxes[node, 6] = max(boxes[node, 6], weights[i])
     if level < depth:
-        axis = 0
+        axis = np.int64(0)  # typed: a literal would have numba compile the callee twice
         for other in range(1, 3):
             if boxes[node, 3 + other] - boxes[node, other] > boxes[node, 3 + axis] - boxes[node, axis]:
                 axis = other
