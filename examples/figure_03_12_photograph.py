@@ -1,11 +1,15 @@
 """Figures 3 and 12 of Buscombe and Rubin (2012): a tessellation of grain centres picked on a photograph, drawn on it.
 
-The photograph is scikit-image's of gravel, or your own with ``--image``. Where the paper picks centres by eye, here
-they are the places farthest from shadow, and a watershed gives each grain the area that it seems to have: all that is
-nearer to it than to another, since from above no void is seen. The cells of the centres are held against these areas,
-one by one and as distributions; so are Laguerre cells, whose weights are the squares of the depths of the centres. Then
-the centres are parents of a cluster process, as the paper proposes: the spread at which its cells vary as much as the
-photograph's grains is found. Writes ``figure_03_12.png``. Run with ``--quick`` for a corner of the photograph.
+The first photograph, of well-sorted grains, is scikit-image's of gravel, or your own with ``--image``. Where the paper
+picks centres by eye, here they are the places farthest from shadow, and a watershed gives each grain the area that it
+seems to have: all that is nearer to it than to another, since from above no void is seen. The second, of cobbles with
+sand between them, is of a bed of our own, for want of a free one: who is seen in each of its pixels is known, and so
+are the centres and areas.
+
+The cells of the centres are held against these areas, one by one and as distributions; so are Laguerre cells, whose
+weights are the squares of the depths of the centres. Then the centres are parents of a cluster process, as the paper
+proposes: the spread at which its cells vary as much as the photograph's grains is found. Writes ``figure_03.png`` and
+``figure_12.png``. Run with ``--quick`` for a corner of the photograph and a small bed.
 """
 
 from __future__ import annotations
@@ -16,13 +20,17 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy import ndimage
-from skimage.data import gravel
-from skimage.feature import peak_local_max
-from skimage.filters import gaussian, threshold_local
-from skimage.segmentation import clear_border, watershed
 
 import grainsdem as gd
 from grainsdem.figures.frame import BLUE, INK, RED, drawing
+
+try:
+    from skimage.data import gravel
+    from skimage.feature import peak_local_max
+    from skimage.filters import gaussian, threshold_local
+    from skimage.segmentation import clear_border, watershed
+except ImportError:
+    raise SystemExit('this example needs scikit-image: pip install ".[examples]" in a checkout') from None
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,7 +40,10 @@ LOWER = -5
 """The first of the two walls that every cell of a slab touches."""
 
 SHOWN = 220
-"""Pixels of the photograph that are drawn, from its upper left corner."""
+"""Pixels of a photograph that are drawn, from its upper left corner."""
+
+LEAST = 12
+"""Pixels through which a grain must be seen to be picked."""
 
 
 class Picked(NamedTuple):
@@ -60,6 +71,45 @@ def pick(grey: NDArray[np.float64]) -> Picked:
     centres = np.column_stack([peaks[:, 1] + 0.5, grey.shape[0] - peaks[:, 0] - 0.5])
     depths = depth[tuple(peaks.T)]
     return Picked(centres, depths, areas.astype(float), np.isin(np.arange(1, len(peaks) + 1), whole))
+
+
+def cobbles_and_sand(side: float) -> gd.Packing:
+    """Return a bed some four deep of sand of diameter 0.7, with cobbles of 3 that come through its top."""
+    depth, margin = 3.8, 2.0
+    domain = gd.Domain.box((side, side, depth))
+    rng = np.random.default_rng(12)
+    places = np.stack(np.meshgrid(*[np.arange(margin, side - margin + 0.1, 4.0)] * 2), axis=-1).reshape(-1, 2)
+    # Every other place of a square lattice, or nearly there.
+    places = places[np.arange(len(places)) % 2 == 0]
+    places = places + rng.uniform(-0.8, 0.8, places.shape)
+    cobbles = np.column_stack([places, rng.uniform(1.8, 2.0, len(places))])
+    void = domain.volume - len(cobbles) * np.pi * 3.0**3 / 6
+    sand = gd.points.poisson(domain, int(void / (np.pi * 0.7**3 / 6)), rng=rng)
+    sizes = np.repeat([3.0, 0.7], [len(cobbles), len(sand)])
+    cells = gd.sized_cells(domain, sizes, seeds=np.concatenate([cobbles, sand]), tolerance=0.05)
+    # The flat cells of the top go, and leave a surface.
+    return gd.shrink(gd.carve(cells), porosity=0.3)
+
+
+def look(bed: gd.Packing, side: float) -> tuple[NDArray[np.float64], Picked]:
+    """Return a photograph of a bed from above, away from its walls, and what is known of it."""
+    view = gd.planform(bed, pixel=0.05, region=((2.0, 2.0), (side - 2.0, side - 2.0)))
+    rows = gd.planform_table(view, bed)
+    rows = rows[rows["n_pixels"] >= LEAST]
+    picked = np.isin(view.labels - 1, rows["id"])
+    # As on the other photograph, what is nearer to a grain than to another is taken for its own.
+    _, nearest = ndimage.distance_transform_edt(~picked, return_indices=True)
+    labels = view.labels[tuple(nearest)]
+    ids = rows["id"] + 1
+    # A pixel is inside where all about it are of the same grain.
+    edge = ndimage.maximum_filter(labels, 3) != ndimage.minimum_filter(labels, 3)
+    depth = ndimage.distance_transform_edt(~edge)
+    down, across = np.array(ndimage.center_of_mass(np.ones(labels.shape), labels, ids)).T
+    centres = np.column_stack([across + 0.5, labels.shape[0] - down - 0.5])
+    areas = np.bincount(labels.ravel(), minlength=ids.max() + 1)[ids].astype(float)
+    is_whole = np.isin(ids, np.unique(clear_border(labels)))
+    grey = gd.photograph(view, bed, blur=0.7, noise=0.01, rng=1)
+    return grey, Picked(centres, np.asarray(ndimage.maximum(depth, labels, ids)), areas, is_whole)
 
 
 def outlines(cells: gd.Tessellation) -> list[NDArray[np.float64]]:
@@ -113,31 +163,20 @@ def show(axes: Axes, title: str, grey: NDArray[np.float64] | None, polygons: lis
     axes.set_title(title, loc="left")
 
 
-def main() -> None:
-    """Pick the centres, tessellate them, print the areas and draw all."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="a corner of the photograph")
-    parser.add_argument("--image", type=Path, help="a photograph of your own")
-    parser.add_argument("--output", type=Path, default=Path("figures"), help="folder for the picture")
-    options = parser.parse_args()
-    options.output.mkdir(parents=True, exist_ok=True)
-    grey = gd.points.image_density(options.image or gravel(), light="fine")[:, ::-1].T
-    grey = grey[: SHOWN + 20, : SHOWN + 20] if options.quick else grey
-
-    picked = pick(grey)
+def study(grey: NDArray[np.float64], picked: Picked, path: Path) -> None:
+    """Tessellate the centres of a photograph, print the areas and draw all."""
     domain = gd.Domain.slab(grey.shape[::-1], 10.0)
     cells = gd.tessellate(picked.centres, domain)
     weighted = gd.tessellate(picked.centres, domain, weights=picked.depths**2)
     kept = inside(cells) & inside(weighted) & picked.is_whole
     ours, better, theirs = cell_areas(cells)[kept], cell_areas(weighted)[kept], picked.areas[kept]
     print(f"{len(picked.centres)} centres, {kept.sum()} whole grains and cells; areas in pixels:")
-    print("                   mean   s.d.    d10    d50    d90  correlation  larger than the grain")
+    print("                   mean   s.d.    d10    d50    d90    d98  correlation  larger than the grain")
     for name, areas in {"apparent": theirs, "Voronoi cells": ours, "Laguerre cells": better}.items():
-        low, middle, high = np.percentile(areas, (10, 50, 90))
+        percentiles = "".join(f"{q:7.1f}" for q in np.percentile(areas, (10, 50, 90, 98)))
         likeness = f"{np.corrcoef(areas, theirs)[0, 1]:12.3f} {(areas > theirs).mean():22.1%}"
         print(
-            f"  {name:<14} {areas.mean():7.1f} {areas.std():6.1f} {low:6.1f} {middle:6.1f} {high:6.1f}"
-            f"{likeness if areas is not theirs else ''}"
+            f"  {name:<14} {areas.mean():7.1f}{areas.std():7.1f}{percentiles}{likeness if areas is not theirs else ''}"
         )
     print(f"Clark and Evans's index of the centres: {gd.points.clark_evans(picked.centres, domain):.3f}")
     spread, clusters = tune(picked, domain, variation(theirs))
@@ -146,28 +185,48 @@ def main() -> None:
         f"clusters about the centres vary as the grains do, {variation(again):.3f} and {variation(theirs):.3f} of the "
         f"mean, at a spread of {spread:.2f} spacings"
     )
-
-    with drawing(options.output / "figure_03_12.png", (9.6, 6.6), dpi=90) as figure:
+    with drawing(path, (9.6, 6.6), dpi=100) as figure:
         ((first, second, third), (fourth, fifth, sixth)) = figure.subplots(2, 3)
         show(first, "(a) centres", grey, [])
         first.plot(*picked.centres.T, ".", color=RED, markersize=4)
         show(second, "(b) their cells", None, outlines(cells))
         show(third, "(c) both", grey, outlines(cells))
-        bins = np.linspace(0, np.percentile(theirs, 99.5), 24)
+        least, most = np.percentile(theirs, 0.5), 1.1 * theirs.max()
+        bins = np.geomspace(least, most, 24)
         fourth.hist(theirs, bins, color=BLUE, alpha=0.4, label="apparent")
         fourth.hist(ours, bins, histtype="step", color=RED, linewidth=1.4, label="Voronoi")
         fourth.hist(better, bins, histtype="step", color=INK, linewidth=1.0, label="Laguerre")
-        fourth.set(xlabel="area  [pixels]", ylabel="grains")
+        fourth.set(xlabel="area  [pixels]", ylabel="grains", xscale="log")
+        # Where nearly all grains are small, the few large ones would not be seen.
+        if np.percentile(theirs, 98) > 8 * np.median(theirs):
+            fourth.set_yscale("log")
         fourth.legend(frameon=False, fontsize=8)
         fourth.set_title("(d) areas", loc="left")
-        fifth.plot(theirs, better, ".", color=INK, markersize=2)
-        fifth.plot(theirs, ours, ".", color=RED, markersize=2)
-        most = float(np.percentile(theirs, 99.5))
-        fifth.plot([0, most], [0, most], "-", color=BLUE, linewidth=1)
-        fifth.set(xlabel="apparent area  [pixels]", ylabel="cell area  [pixels]", xlim=(0, most), ylim=(0, most))
+        fifth.loglog(theirs, better, ".", color=INK, markersize=2)
+        fifth.loglog(theirs, ours, ".", color=RED, markersize=2)
+        fifth.plot([least, most], [least, most], "-", color=BLUE, linewidth=1)
+        fifth.set(xlabel="apparent area  [pixels]", ylabel="cell area  [pixels]")
+        fifth.set(xlim=(least, most), ylim=(least, most), aspect="equal")
         fifth.set_title("(e) one by one", loc="left")
         show(sixth, "(f) clusters about the centres", None, outlines(clusters))
-    print(f"wrote {options.output / 'figure_03_12.png'}")
+    print(f"wrote {path}")
+
+
+def main() -> None:
+    """Study both photographs."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="a corner of the photograph, and a small bed")
+    parser.add_argument("--image", type=Path, help="a photograph of your own, instead of the gravel")
+    parser.add_argument("--output", type=Path, default=Path("figures"), help="folder for the pictures")
+    options = parser.parse_args()
+    options.output.mkdir(parents=True, exist_ok=True)
+    grey = gd.points.image_density(options.image or gravel(), light="fine")[:, ::-1].T
+    grey = grey[: SHOWN + 20, : SHOWN + 20] if options.quick else grey
+    print("figure 3: gravel, well sorted" if options.image is None else f"figure 3: {options.image}")
+    study(grey, pick(grey), options.output / "figure_03.png")
+    print("figure 12: cobbles and sand")
+    side = 10.0 if options.quick else 20.0
+    study(*look(cobbles_and_sand(side), side), options.output / "figure_12.png")
 
 
 if __name__ == "__main__":
