@@ -74,15 +74,13 @@ def pick(grey: NDArray[np.float64]) -> Picked:
 
 
 def cobbles_and_sand(side: float) -> gd.Packing:
-    """Return a bed some four deep of sand of diameter 0.7, with cobbles of 3 that come through its top."""
-    depth, margin = 3.8, 2.0
-    domain = gd.Domain.box((side, side, depth))
+    """Return a bed four deep of sand of diameter 0.7, with cobbles of 3 that come through its top."""
+    domain = gd.Domain.box((side, side, 4.2))
     rng = np.random.default_rng(12)
-    places = np.stack(np.meshgrid(*[np.arange(margin, side - margin + 0.1, 4.0)] * 2), axis=-1).reshape(-1, 2)
-    # Every other place of a square lattice, or nearly there.
-    places = places[np.arange(len(places)) % 2 == 0]
-    places = places + rng.uniform(-0.8, 0.8, places.shape)
-    cobbles = np.column_stack([places, rng.uniform(1.8, 2.0, len(places))])
+    line = np.arange(2.8, side - 2.7, 3.6)
+    places = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
+    # Near the places of a square lattice, with sand below them and above.
+    cobbles = np.column_stack([places + rng.uniform(-0.3, 0.3, places.shape), np.full(len(places), 2.1)])
     void = domain.volume - len(cobbles) * np.pi * 3.0**3 / 6
     sand = gd.points.poisson(domain, int(void / (np.pi * 0.7**3 / 6)), rng=rng)
     sizes = np.repeat([3.0, 0.7], [len(cobbles), len(sand)])
@@ -155,11 +153,12 @@ def show(axes: Axes, title: str, grey: NDArray[np.float64] | None, polygons: lis
     from matplotlib.collections import PolyCollection
 
     height = grey.shape[0] if grey is not None else max(polygon[:, 1].max() for polygon in polygons)
+    shown = min(SHOWN, height)
     if grey is not None:
         axes.imshow(grey, cmap="gray", extent=(0, grey.shape[1], 0, grey.shape[0]), interpolation="nearest")
     color = RED if grey is not None else INK
     axes.add_collection(PolyCollection(polygons, facecolors="none", edgecolors=color, linewidths=0.8))
-    axes.set(xlim=(0, SHOWN), ylim=(height - SHOWN, height), aspect="equal", xticks=[], yticks=[])
+    axes.set(xlim=(0, shown), ylim=(height - shown, height), aspect="equal", xticks=[], yticks=[])
     axes.set_title(title, loc="left")
 
 
@@ -185,6 +184,8 @@ def study(grey: NDArray[np.float64], picked: Picked, path: Path) -> None:
         f"clusters about the centres vary as the grains do, {variation(again):.3f} and {variation(theirs):.3f} of the "
         f"mean, at a spread of {spread:.2f} spacings"
     )
+    from matplotlib.ticker import NullFormatter
+
     with drawing(path, (9.6, 6.6), dpi=100) as figure:
         ((first, second, third), (fourth, fifth, sixth)) = figure.subplots(2, 3)
         show(first, "(a) centres", grey, [])
@@ -208,6 +209,8 @@ def study(grey: NDArray[np.float64], picked: Picked, path: Path) -> None:
         fifth.set(xlabel="apparent area  [pixels]", ylabel="cell area  [pixels]")
         fifth.set(xlim=(least, most), ylim=(least, most), aspect="equal")
         fifth.set_title("(e) one by one", loc="left")
+        for axis in (fourth.xaxis, fourth.yaxis, fifth.xaxis, fifth.yaxis):
+            axis.set_minor_formatter(NullFormatter())
         show(sixth, "(f) clusters about the centres", None, outlines(clusters))
     print(f"wrote {path}")
 
@@ -225,7 +228,7 @@ def main() -> None:
     print("figure 3: gravel, well sorted" if options.image is None else f"figure 3: {options.image}")
     study(grey, pick(grey), options.output / "figure_03.png")
     print("figure 12: cobbles and sand")
-    side = 10.0 if options.quick else 20.0
+    side = 9.2 if options.quick else 20.0
     study(*look(cobbles_and_sand(side), side), options.output / "figure_12.png")
 
 

@@ -64,7 +64,7 @@ def print_result(console: Console, name: str, result: Result) -> None:
     """Print what a recipe made: measures before and after, and the files."""
     columns = {"as grown": result.summaries["bed"]}
     if result.settled is not None:
-        columns["settled"] = result.summaries["settled"]
+        columns["settled, one run"] = result.summaries["settled"]
     overlaps = {title: _overlap(result.reports[key]) for title, key in zip(columns, result.reports, strict=True)}
     table = Table(title=name, title_justify="left", title_style="bold")
     table.add_column("")
@@ -79,6 +79,12 @@ def print_result(console: Console, name: str, result: Result) -> None:
     for row in rows:
         table.add_row(*row)
     console.print(table)
+    if result.settled is not None:
+        console.print(
+            "How grains come to rest is chaotic: on another processor, or with another rng, the settled column is that of\n"
+            "another bed of the same kind. What is grown is the same everywhere.",
+            highlight=False,
+        )
     console.print(f"{len(result.files)} files written to {result.files[0].parent}:", highlight=False)
     console.print("  " + "  ".join(path.name for path in result.files), highlight=False)
 

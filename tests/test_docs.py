@@ -40,4 +40,18 @@ def test_pictures_of_the_gallery_are_light_and_all_of_them_are_shown():
     pictures = {path.resolve() for path in (ROOT / "docs" / "images" / "gallery").glob("*.png")}
     shown = {target.resolve() for page in PAGES for target in targets(page)}
     assert {path.name for path in pictures - shown} == set()
-    assert {path.name for path in pictures if path.stat().st_size > 150_000} == set()
+    assert {path.name for path in pictures if path.stat().st_size > 1_000_000} == set()
+
+
+def color_type(picture):
+    """The kind of colour that a PNG file's header names: 0 grey, 2 RGB, 3 a palette, 4 and 6 with transparency."""
+    head = picture.read_bytes()[:26]
+    assert head[:8] == b"\x89PNG\r\n\x1a\n"
+    assert head[12:16] == b"IHDR"
+    return head[25]
+
+
+def test_no_picture_of_the_pages_is_reduced_to_a_palette():
+    pictures = sorted((ROOT / "docs").rglob("*.png"))
+    assert pictures
+    assert [path.name for path in pictures if color_type(path) == 3] == []

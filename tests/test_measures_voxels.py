@@ -236,9 +236,9 @@ def test_the_two_point_correlation_counts_each_pair_of_voxels(periodic):
 def test_the_two_point_correlation_begins_at_phi_and_tends_to_its_square(periodic):
     voxels = voxelize(periodic, size=1 / 48)
     found = two_point_correlation(voxels, farthest=0.5)
-    phi = 1 - voxels.porosity()
-    assert found.solid_fraction == found.values[0] == pytest.approx(phi, rel=1e-12)
-    assert found.values[-5:] == pytest.approx(phi**2, rel=0.05)
+    solid = 1 - voxels.porosity()
+    assert found.solid_fraction == found.values[0] == pytest.approx(solid, rel=1e-12)
+    assert found.values[-5:] == pytest.approx(solid**2, rel=0.05)
 
 
 @pytest.mark.property
@@ -277,13 +277,13 @@ def test_chords_run_along_the_axis_that_is_asked_for():
 @pytest.mark.statistical
 def test_surface_and_chords_come_nearer_to_the_exact_ones_at_their_rates(periodic):
     measured = integrate(periodic.grains)
-    exact, phi = measured.areas.sum(), measured.volumes.sum()
+    exact, solid = measured.areas.sum(), measured.volumes.sum()
     surfaces, chords = [], []
     for n in (36, 72):
         voxels = voxelize(periodic, size=1 / n)
         surfaces.append([specific_surface(voxels, method=m) / exact - 1 for m in ("correlation", "crofton")])
         means = [np.mean([chord_lengths(voxels, axis).mean(phase) for axis in "xyz"]) for phase in ("solid", "void")]
-        chords.append([means[0] * exact / (4 * phi) - 1, means[1] * exact / (4 * (1 - phi)) - 1])
+        chords.append([means[0] * exact / (4 * solid) - 1, means[1] * exact / (4 * (1 - solid)) - 1])
     (by_slope, by_lines), (by_slope_fine, by_lines_fine) = surfaces
     assert abs(by_slope) < 0.02
     assert abs(by_slope_fine) < 0.005

@@ -41,9 +41,9 @@ def phase_figure(correlation: Correlation, chords: Chords, path: str | os.PathLi
     factor, unit = length_unit(0.2 * float(np.nanmax(correlation.distances)))
     with drawing(target, (8.4, 3.6), dpi=140) as figure:
         left, right = figure.subplots(1, 2)
-        phi = correlation.solid_fraction
+        solid = correlation.solid_fraction
         left.plot(correlation.distances * factor, correlation.values, color=BLUE, linewidth=1.6)
-        for level, name in ((phi, "φ"), (phi**2, "φ²")):
+        for level, name in ((solid, "1 − φ"), (solid**2, "(1 − φ)²")):
             left.axhline(level, color=INK, linewidth=0.7, linestyle=(0, (4, 3)))
             left.annotate(
                 name,

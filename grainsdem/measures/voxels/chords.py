@@ -65,7 +65,7 @@ def chord_lengths(voxels: Voxels, axis: Literal["x", "y", "z"] = "x") -> Chords:
     Notes
     -----
     Of a convex body and lines from all sides the mean chord is 4 V / A (Cauchy); of the solid and the void of a bed
-    4 φ / s and 4 (1 - φ) / s, s its specific surface.
+    4 (1 - φ) / s and 4 φ / s, φ the porosity, s its specific surface.
     """
     if axis not in ("x", "y", "z"):
         raise InputError(f"axis must be 'x', 'y' or 'z'; got {axis!r}")
@@ -125,7 +125,8 @@ def specific_surface(voxels: Voxels, *, method: Literal["correlation", "crofton"
     weights = _nearest_shares(arms / steps[:, None], is_plane=voxels.is_layer)
     crossings = [_mixed(voxels, offset, 1) for offset in offsets]
     if method == "correlation":
-        # φ - S₂ is half of the mixed pairs; the parabola through it at none, one and two steps begins with this slope.
+        # 1 - φ - S₂ is half of the mixed pairs; the parabola through it at none, one and two steps begins with this
+        # slope.
         crossings = [2 * one - 0.5 * _mixed(voxels, offset, 2) for one, offset in zip(crossings, offsets, strict=True)]
     return float((weights * crossings / steps).sum()) * (0.5 * np.pi if voxels.is_layer else 2.0)
 

@@ -30,7 +30,7 @@ class Correlation(NamedTuple):
     along : ndarray, shape (3, m)
         S₂ at k voxels along x, y and z; NaN where there are fewer voxels.
     solid_fraction : float
-        S₂ at distance zero, φ; far away S₂ tends to φ² where there is no order.
+        S₂ at distance zero, 1 - φ; far away S₂ tends to (1 - φ)² where there is no order.
     """
 
     distances: Floats
