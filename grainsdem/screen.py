@@ -81,8 +81,8 @@ def print_result(console: Console, name: str, result: Result) -> None:
     console.print(table)
     if result.settled is not None:
         console.print(
-            "How grains come to rest is chaotic: on another processor, or with another rng, the settled column is that of\n"
-            "another bed of the same kind. What is grown is the same everywhere.",
+            "Grains that move are chaotic: with another rng, and on another processor,\n"
+            "another bed of the same kind settles. What is grown is the same.",
             highlight=False,
         )
     console.print(f"{len(result.files)} files written to {result.files[0].parent}:", highlight=False)

@@ -260,6 +260,8 @@ def test_odd_planes_are_refused(cube, tmp_path):
     ):
         with pytest.raises(InputError, match=match):
             call()
+    with pytest.raises(ShapeError, match=r"marks must be points of shape \(k, 3\); got \(2,\)"):
+        section_figure(section(cube, z=2), tmp_path / "a.png", marks=[1.0, 2.0])
     with pytest.raises(FileFormatError, match=r"written as \.png"):
         section_figure(section(cube, z=2), tmp_path / "a.svg")
     found = section(cube, z=2.0)
@@ -282,6 +284,28 @@ def test_figures_of_sections_repeat_to_the_byte(loose, tmp_path):
     image = imread(tmp_path / "aNone.png")[..., :3]
     sand = (np.abs(image - np.array([0xD8, 0xC4, 0x9A]) / 255) < 0.02).all(axis=-1)
     assert 0.2 < sand.mean() < 0.55
+
+
+@pytest.mark.unit
+def test_marks_stand_where_they_are_seen_and_every_panel_has_a_scale(loose, tmp_path, monkeypatch):
+    from matplotlib.figure import Figure
+
+    drawn = []
+    save = Figure.savefig
+    monkeypatch.setattr(Figure, "savefig", lambda self, *a, **k: (drawn.append(self), save(self, *a, **k)))
+    marks = np.array([[0.2, 0.3, 0.4], [0.7, 0.1, 0.9]])
+    cuts = [section(loose, z=0.4), section(loose, x=0.5)]
+    section_figure(cuts, tmp_path / "a.png", marks=marks, note="cells at the walls are kept")
+    (figure,) = drawn
+    # Seen along z, x is to the right and y up; along x, y to the right and z up.
+    for axes, columns in zip(figure.axes, ([0, 1], [1, 2]), strict=True):
+        crosses = axes.collections[-1]
+        np.testing.assert_allclose(crosses.get_offsets(), marks[:, columns], atol=1e-12)
+        (bar,) = axes.lines
+        assert [text.get_text() for text in axes.texts] == [f"{np.ptp(bar.get_xdata()):g} m"]
+    near, far = figure.axes[0].collections[-1].get_sizes()
+    assert near > far
+    assert figure.get_supxlabel() == "cells at the walls are kept"
 
 
 @pytest.mark.unit

@@ -64,17 +64,8 @@ def section_figure(
     """
     target = check_suffix(path)
     panels = [sections] if isinstance(sections, Section) else list(sections)
-    if not panels:
-        raise InputError("there is nothing to draw: no section is given")
-    if titles and len(titles) != len(panels):
-        raise InputError(f"titles must be as many as the {len(panels)} sections, or none; got {len(titles)}")
-    if color_by not in (None, "diameter", "id"):
-        raise InputError(f"color_by must be 'diameter', 'id' or None; got {color_by!r}")
-    if columns is not None and columns < 1:
-        raise InputError(f"columns must be one at least; got {columns}")
-    points = None if marks is None else np.asarray(marks, dtype=np.float64)
-    if points is not None and (points.ndim != 2 or points.shape[1] != 3):
-        raise ShapeError(f"marks must be points of shape (k, 3); got {points.shape}")
+    _check(panels, titles, color_by, columns)
+    points = _points(marks)
     n_columns = min(columns or int(np.ceil(np.sqrt(len(panels)))), len(panels))
     n_rows = -(-len(panels) // n_columns)
     tables = [section_table(panel) for panel in panels]
@@ -98,13 +89,31 @@ def section_figure(
             else:
                 axis.set(xticks=[], yticks=[])
                 _draw_scale(axis, longest * factor, unit)
-            if points is not None:
-                _mark(axis, panel, points, factor)
-        if note:
-            figure.supxlabel(note, fontsize=9)
+            _mark(axis, panel, points, factor)
+        figure.supxlabel(note, fontsize=9)
         if color_by == "diameter":
             figure.colorbar(drawn, ax=axes[: len(panels)].tolist(), label=f"apparent diameter  [{unit}]", shrink=0.8)
     return target
+
+
+def _check(panels: list[Section], titles: Sequence[str], color_by: str | None, columns: int | None) -> None:
+    """Raise `InputError` where there is nothing to draw, or it cannot be drawn so."""
+    if not panels:
+        raise InputError("there is nothing to draw: no section is given")
+    if titles and len(titles) != len(panels):
+        raise InputError(f"titles must be as many as the {len(panels)} sections, or none; got {len(titles)}")
+    if color_by not in (None, "diameter", "id"):
+        raise InputError(f"color_by must be 'diameter', 'id' or None; got {color_by!r}")
+    if columns is not None and columns < 1:
+        raise InputError(f"columns must be one at least; got {columns}")
+
+
+def _points(marks: ArrayLike | None) -> NDArray[np.float64]:
+    """Return marks as points [m], shape (k, 3); none by default."""
+    points = np.empty((0, 3)) if marks is None else np.asarray(marks, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise ShapeError(f"marks must be points of shape (k, 3); got {points.shape}")
+    return points
 
 
 def _values(section: Section, diameters: Any, color_by: str) -> Any:
