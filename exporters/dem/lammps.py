@@ -24,7 +24,8 @@ from exporters.dem.bodies import (
     skin,
     vertices_in,
 )
-from exporters.dem.scene import SkinOptions, check_word, down, height, springs
+from exporters.dem.scene import SkinOptions, check_word, height, springs
+from exporters.rest import down, frictions
 from exporters.text import rows_of_text, table_of_text
 from exporters.units import factors_of, units_of
 from grainsdem.geometry.rotations import to_matrices
@@ -203,7 +204,7 @@ def _script(bed: _Bed) -> str:
         reach=f"{cutoff + 0.1:.9g}",
         cutoff=f"{cutoff:.9g}",
         damping=f"{damping:.9g}",
-        friction=f"{options.friction:.9g}",
+        friction=f"{frictions(bed.packing, options.friction)[0]:.9g}",
         stiffness=f"{stiffness:.9g}",
         time_step=f"{time_step:.9g}",
         down=rows_of_text(down(bed.packing), [3])[0],

@@ -19,7 +19,8 @@ from exporters.dem.bodies import (
     skin,
     vertices_in,
 )
-from exporters.dem.scene import SkinOptions, check_word, down, height, springs, walls
+from exporters.dem.scene import SkinOptions, check_word, height, springs, walls
+from exporters.rest import down, frictions
 from exporters.text import filled, rows_of_text, table_of_text
 
 if TYPE_CHECKING:
@@ -122,7 +123,7 @@ def _configuration(
         "knContact": law.stiffness,
         "en2Contact": options.restitution**2,
         "ktContact": law.stiffness,
-        "muContact": options.friction,
+        "muContact": frictions(packing, options.friction)[0],
         "krContact": 0.0,
         "murContact": 0.0,
     }

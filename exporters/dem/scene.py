@@ -36,6 +36,12 @@ def check_word(name: str) -> None:
         )
 
 
+def check_friction(friction: float | None) -> None:
+    """Raise `InputError` unless a coefficient of friction that was given is zero or more."""
+    if friction is not None:
+        check_positive("friction", friction, or_zero=True)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SkinOptions:
     """What the simulation is like that a file describes, of a program that puts a skin around every grain.
@@ -45,8 +51,9 @@ class SkinOptions:
     rounding : float
         Radius of the sphere that rounds the edges, in diameters of each grain, at most 0.2. Every face is moved inward
         by it, so that no grain becomes larger.
-    friction : float
-        Coefficient of friction [1], among grains and with walls.
+    friction : float, optional
+        Coefficient of friction [1], among grains and with walls; that which the grains came to rest with by default,
+        else 0.5.
     restitution : float
         Velocity after over velocity before a contact, above 0 and at most 1.
     gravity : float
@@ -66,7 +73,7 @@ class SkinOptions:
     """
 
     rounding: float = 0.02
-    friction: float = 0.5
+    friction: float | None = None
     restitution: float = 0.3
     gravity: float = 9.81
     depth: float = 1.0
@@ -76,7 +83,7 @@ class SkinOptions:
     def __post_init__(self) -> None:
         for name in ("rounding", "restitution", "gravity", "depth", "duration"):
             check_positive(name, getattr(self, name))
-        check_positive("friction", self.friction, or_zero=True)
+        check_friction(self.friction)
         for name, most in (("rounding", 0.2), ("restitution", 1.0), ("depth", 1.0)):
             if getattr(self, name) > most:
                 raise InputError(f"{name} must be at most {most:g}; got {getattr(self, name)}")
@@ -168,11 +175,6 @@ def walls(packing: Packing, vertices: Floats, choice: str) -> Walls:
         # As wide as the container from corner to corner.
         np.concatenate([halves, np.full((len(points), 2), 2 * float(np.linalg.norm(half)))]),
     )
-
-
-def down(packing: Packing) -> Floats:
-    """Return the unit vector of gravity, shape (3,): along y where the bed is planar, else along z."""
-    return np.array([0.0, -1.0, 0.0] if packing.domain.is_planar else [0.0, 0.0, -1.0])
 
 
 def height(packing: Packing, vertices: Floats) -> float:

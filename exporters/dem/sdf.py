@@ -11,7 +11,8 @@ import numpy as np
 from exporters.check import check_choice, check_positive, grain_names
 from exporters.container import GRAIN_COLOURS, shades, world_bounds
 from exporters.dem.bodies import bodies, parts
-from exporters.dem.scene import WALLS, check_word, down, height, springs, walls
+from exporters.dem.scene import WALLS, check_friction, check_word, height, springs, walls
+from exporters.rest import down, frictions
 from exporters.text import rows_of_text, table_of_text
 from exporters.units import check_units, chosen_units, factors_of
 from grainsdem.geometry.rotations import to_matrices
@@ -96,8 +97,9 @@ class SdfOptions:
         Unit of length: the metre, the millimetre, the median diameter, or so many metres. Masses are in kg and times in
         s, but in grain units, where density and gravity are one. PyBullet puts about a thousandth of a unit around
         every shape: give it ``"grain"`` where grains are below 0.1 m.
-    friction : float
-        Coefficient of friction [1], among grains and with walls.
+    friction : float, optional
+        Coefficient of friction [1], among grains and with walls; that which the grains came to rest with by
+        default, else 0.5.
     gravity : float
         Acceleration [m/s²].
     depth : float
@@ -115,7 +117,7 @@ class SdfOptions:
     """
 
     units: Units = "si"
-    friction: float = 0.5
+    friction: float | None = None
     gravity: float = 9.81
     depth: float = 0.01
     time_step: float = 0.01
@@ -125,7 +127,7 @@ class SdfOptions:
         check_units(self.units)
         for name in ("gravity", "depth", "time_step"):
             check_positive(name, getattr(self, name))
-        check_positive("friction", self.friction, or_zero=True)
+        check_friction(self.friction)
         check_choice("walls", self.walls, WALLS)
 
 
@@ -172,7 +174,9 @@ def _world(packing: Packing, sizes: Bodies, scales: GrainUnits, *, options: SdfO
     ends = world_bounds(packing)
     d = float(np.median(sizes.diameters))
     law = springs(sizes, options.depth * sizes.diameters, height(packing, ends), options.gravity, steps=20)
-    surface = _SURFACE.format(f"{options.friction:.9g}", f"{law.stiffness / scales.force * scales.length:.9g}")
+    surface = _SURFACE.format(
+        f"{frictions(packing, options.friction)[0]:.9g}", f"{law.stiffness / scales.force * scales.length:.9g}"
+    )
     yield _HEADER.substitute(
         name=name,
         n_grains=len(packing),

@@ -12,7 +12,8 @@ import numpy as np
 from exporters.check import check_choice, check_positive, grain_names
 from exporters.container import container_box, world_bounds
 from exporters.dem.bodies import bodies, parts
-from exporters.dem.scene import WALLS, check_word, down, height
+from exporters.dem.scene import WALLS, check_friction, check_word, height
+from exporters.rest import down, frictions
 from exporters.text import filled, rows_of_text, table_of_text
 from grainsdem.geometry.rotations import world_vertices
 
@@ -54,8 +55,9 @@ class ThreedecOptions:
 
     Parameters
     ----------
-    friction : float
-        Coefficient of friction [1] of every joint.
+    friction : float, optional
+        Coefficient of friction [1] of every joint; that which the grains came to rest with by
+        default, else 0.5.
     gravity : float
         Acceleration [m/s²].
     depth : float
@@ -70,7 +72,7 @@ class ThreedecOptions:
         If a number is out of range or a word is not one of those allowed.
     """
 
-    friction: float = 0.5
+    friction: float | None = None
     gravity: float = 9.81
     depth: float = 0.01
     walls: Literal["box", "floor", "none"] = "box"
@@ -78,7 +80,7 @@ class ThreedecOptions:
     def __post_init__(self) -> None:
         for name in ("gravity", "depth"):
             check_positive(name, getattr(self, name))
-        check_positive("friction", self.friction, or_zero=True)
+        check_friction(self.friction)
         check_choice("walls", self.walls, WALLS)
 
 
@@ -133,7 +135,7 @@ def _commands(packing: Packing, sizes: Bodies, options: ThreedecOptions, name: s
             for grain, density in zip(names, told, strict=True)
             if density != told[0]
         ]),
-        joint=f"{joint}friction {np.degrees(np.arctan(options.friction)):.9g}",
+        joint=f"{joint}friction {np.degrees(np.arctan(frictions(packing, options.friction)[0])):.9g}",
         gravity=rows_of_text(options.gravity * down(packing), [3])[0],
         fixed="block fix range group 'walls'" if container else "",
     ).encode()  # fmt: skip

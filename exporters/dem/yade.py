@@ -16,7 +16,8 @@ import numpy as np
 from exporters.check import check_choice, check_positive, refuse
 from exporters.container import world_bounds
 from exporters.dem.bodies import bodies, parts, vertices_in
-from exporters.dem.scene import WALLS, check_word, down, height, walls
+from exporters.dem.scene import WALLS, check_friction, check_word, height, walls
+from exporters.rest import down, frictions
 from exporters.text import rows_of_text
 from exporters.units import check_units, chosen_units, factors_of
 
@@ -99,8 +100,9 @@ class YadeOptions:
     units : {"grain", "si", "mm"} or float
         Grain units, where the median diameter, the density and gravity are one; SI; or the millimetre or so many
         metres for lengths, with masses in kg and times in s.
-    friction : float
-        Coefficient of friction [1], among grains and with walls.
+    friction : float, optional
+        Coefficient of friction [1], among grains and with walls; that which the grains came to rest with by
+        default, else 0.5.
     damping : float
         Part of every force that is taken away from motion, at least 0 and below 1.
     gravity : float
@@ -120,7 +122,7 @@ class YadeOptions:
     """
 
     units: Units = "grain"
-    friction: float = 0.5
+    friction: float | None = None
     damping: float = 0.3
     gravity: float = 9.81
     depth: float = 0.05
@@ -130,8 +132,8 @@ class YadeOptions:
     def __post_init__(self) -> None:
         for name in ("gravity", "depth", "duration"):
             check_positive(name, getattr(self, name))
-        for name in ("friction", "damping"):
-            check_positive(name, getattr(self, name), or_zero=True)
+        check_friction(self.friction)
+        check_positive("damping", self.damping, or_zero=True)
         check_units(self.units)
         check_choice("walls", self.walls, WALLS)
 
@@ -188,7 +190,7 @@ def _script(packing: Packing, sizes: Bodies, scales: GrainUnits, options: YadeOp
         n_grains=len(packing),
         steps=round(options.duration * np.sqrt(d / options.gravity) / time_step),
         young=f"{young / scales.force * scales.length**3:.9g}",
-        friction_angle=f"{np.arctan(options.friction):.9g}",
+        friction_angle=f"{np.arctan(frictions(packing, options.friction)[0]):.9g}",
         reach=f"{0.05 * d / scales.length:.9g}",
         damping=f"{options.damping:.9g}",
         gravity=rows_of_text(options.gravity / scales.acceleration * down(packing), [3])[0].replace(" ", ", "),

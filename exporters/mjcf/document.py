@@ -9,7 +9,8 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from exporters.container import GRAIN_COLOURS, container_box, plane_frames, world_bounds
-from exporters.mjcf.options import ITERATIONS
+from exporters.mjcf.options import ITERATIONS, NOSLIP_AT_REST
+from exporters.rest import down, frictions, rest_of, time_step
 from exporters.text import rows_of_text
 
 if TYPE_CHECKING:
@@ -125,9 +126,12 @@ def _settings(bed: Bed, options: MjcfOptions) -> dict[str, object]:
     packing, scales, n = bed.packing, bed.scales, len(bed.packing)
     is_grain = options.units == "grain"
     gravity = options.gravity / scales.acceleration
-    time_step = options.time_step * (1.0 if is_grain else np.sqrt(bed.diameter / gravity))
+    step = time_step(packing, options.time_step) * (1.0 if is_grain else np.sqrt(bed.diameter / gravity))
     box = np.stack([packing.domain.lower, packing.domain.upper]) / scales.length
-    wall_friction = options.friction if options.wall_friction is None else options.wall_friction
+    friction, wall_friction = frictions(packing, options.friction, options.wall_friction)
+    noslip = options.noslip_iterations
+    if noslip is None:
+        noslip = NOSLIP_AT_REST if rest_of(packing) is not None and options.solver == "PGS" else 0
     return {
         "n_grains": n,
         "in_units": " in grain units" if is_grain else "",
@@ -139,24 +143,24 @@ def _settings(bed: Bed, options: MjcfOptions) -> dict[str, object]:
         "density": f"{scales.density:.9g}",
         "acceleration": f"{scales.acceleration:.9g}",
         "meansize": f"{bed.diameter:.9g}",
-        "shape": "mesh" if options.shapes == "hulls" else "sphere",
+        "shape": "mesh" if bed.radii is None else "sphere",
         "memory": options.memory or _memory(n),
-        "time_step": f"{time_step:.9g}",
-        "down": f"0 -{gravity:.9g} 0" if packing.domain.is_planar else f"0 0 -{gravity:.9g}",
+        "time_step": f"{step:.9g}",
+        "down": rows_of_text(gravity * down(packing), [3])[0],
         "impratio": f"{options.impratio:.9g}",
         "solver": options.solver,
         "iterations": options.iterations or ITERATIONS[options.solver],
         "tolerance": f"{options.tolerance:.9g}",
-        "noslip": options.noslip_iterations,
-        "solref": f"{2 * time_step:.9g}",  # the stiffest that the step can carry
+        "noslip": noslip,
+        "solref": f"{2 * step:.9g}",  # the stiffest that the step can carry
         "width": f"{options.contact_width * bed.diameter:.9g}",
-        "friction": f"{options.friction:.9g}",
+        "friction": f"{friction:.9g}",
         "wall_friction": f"{wall_friction:.9g}",
         # One dimension: a contact without friction has no tangential rows to solve for.
-        "condim": 3 if options.friction > 0 else 1,
+        "condim": 3 if friction > 0 else 1,
         "wall_condim": 3 if wall_friction > 0 else 1,
         # MuJoCo takes the larger friction of a pair unless one has priority.
-        "priority": int(wall_friction != options.friction),
+        "priority": int(wall_friction != friction),
     }
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from exporters.check import grain_names, measured, refuse, stretches
 from exporters.container import GRAIN_COLOURS, colours_of, shades
 from exporters.mjcf.document import PLAIN
+from exporters.rest import rest_of
 from exporters.text import rows_of_text, table_of_text
 from exporters.units import chosen_units
 from grainsdem.geometry.principal import principal_inertia
@@ -86,7 +87,8 @@ def measure(packing: Packing, options: MjcfOptions) -> Bed:
     density = packing.densities / scales.density
     masses = density * integrals.volumes / scales.length**3
     diameter = float(np.median(np.cbrt(integrals.volumes * (6.0 / np.pi)))) / scales.length
-    if options.shapes == "spheres":
+    rest = rest_of(packing)
+    if options.shapes == "spheres" or (options.shapes is None and rest is not None and rest.are_spheres):
         radii = _radii(packing, integrals.volumes) / scales.length
         moments = np.repeat(((0.5 if packing.domain.is_planar else 0.4) * masses * radii**2)[:, None], 3, axis=1)
         axes = np.tile([1.0, 0.0, 0.0, 0.0], (len(packing), 1))

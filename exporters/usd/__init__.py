@@ -46,10 +46,11 @@ class UsdOptions:
 
     Parameters
     ----------
-    friction : float
-        Static and dynamic friction of the grains [1].
+    friction : float, optional
+        Static and dynamic friction of the grains [1]; that which the bed came to rest with by default, else 0.5.
     wall_friction : float, optional
-        Friction of the walls [1]; that of the grains by default. Programs average the two of a pair unless told.
+        Friction of the walls [1]; that of the grains by default, or with theirs that of the bed at rest. Programs
+        average the two of a pair unless told.
     restitution : float
         Coefficient of restitution [1], 0 to 1.
     gravity : float
@@ -75,7 +76,7 @@ class UsdOptions:
         If a number is out of range or a word is not one of those allowed.
     """
 
-    friction: float = 0.5
+    friction: float | None = None
     wall_friction: float | None = None
     restitution: float = 0.0
     gravity: float = 9.81
@@ -86,10 +87,11 @@ class UsdOptions:
     hulls: Literal["any", "physx"] = "any"
 
     def __post_init__(self) -> None:
-        for name in ("friction", "restitution", "gravity", "contact_gap"):
+        for name in ("restitution", "gravity", "contact_gap"):
             check_positive(name, getattr(self, name), or_zero=True)
-        if self.wall_friction is not None:
-            check_positive("wall_friction", self.wall_friction, or_zero=True)
+        for name in ("friction", "wall_friction"):
+            if getattr(self, name) is not None:
+                check_positive(name, getattr(self, name), or_zero=True)
         check_choice("walls", self.walls, ("box", "floor", "none"))
         check_choice("hulls", self.hulls, ("any", "physx"))
         check_colour(self.colour)

@@ -9,6 +9,7 @@ import numpy as np
 
 from exporters.check import grain_names, shapes_of
 from exporters.container import container_box, plane_frames, world_bounds
+from exporters.rest import down, frictions
 from exporters.usd.prims import Attribute, Column, Many, Prim
 from grainsdem.geometry.integrals import face_planes
 from grainsdem.geometry.principal import principal_inertia
@@ -104,10 +105,9 @@ def world(bed: Bed) -> Prim:
 
 
 def _scene(bed: Bed) -> Prim:
-    """Return gravity; a planar bed falls along its own second axis."""
-    down = (0, -1, 0) if bed.packing.domain.is_planar else (0, 0, -1)
+    """Return gravity."""
     return Prim(name="PhysicsScene", kind="PhysicsScene", attributes={
-        "physics:gravityDirection": Attribute("vector3f", down),
+        "physics:gravityDirection": Attribute("vector3f", down(bed.packing)),
         "physics:gravityMagnitude": Attribute("float", bed.options.gravity / bed.scales.length),
     })  # fmt: skip
 
@@ -116,7 +116,7 @@ def _materials(bed: Bed) -> Prim:
     """Return what grains and walls are made of; the mass that each body has goes before the mean density."""
     options, volumes = bed.options, bed.integrals.volumes
     density = float(volumes @ bed.packing.densities / volumes.sum()) / bed.scales.density
-    wall_friction = options.friction if options.wall_friction is None else options.wall_friction
+    friction_of_grains, wall_friction = frictions(bed.packing, options.friction, options.wall_friction)
     materials = [
         Prim(name=name, kind="Material", schemas=("PhysicsMaterialAPI",), attributes={
             "physics:staticFriction": Attribute("float", friction),
@@ -124,7 +124,7 @@ def _materials(bed: Bed) -> Prim:
             "physics:restitution": Attribute("float", options.restitution),
             "physics:density": Attribute("float", density),
         })
-        for name, friction in (("Grain", options.friction), ("Wall", wall_friction), ("Side", 0.0))
+        for name, friction in (("Grain", friction_of_grains), ("Wall", wall_friction), ("Side", 0.0))
         if name != "Side" or bed.packing.domain.is_planar
     ]  # fmt: skip
     return Prim(name="Materials", kind="Scope", children=tuple(materials))

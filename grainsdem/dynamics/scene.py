@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from exporters import mjcf
+from exporters.rest import Rest, frictions, resting
 from grainsdem.dynamics.budget import estimate, refuse_memory
 from grainsdem.dynamics.engine import Apparatus, load
 from grainsdem.dynamics.engine.lockstep import joined
@@ -82,6 +83,19 @@ class Scene:
             links=None,
         )
 
+    def rest(self, options: MjcfOptions) -> dict[str, Any]:
+        """Return what the provenance of grains at rest keeps: files of the packing say the same.
+
+        Parameters
+        ----------
+        options : MjcfOptions
+            Those that the scene was made with.
+        """
+        friction, wall_friction = frictions(self.source, options.friction, options.wall_friction)
+        gravity = self.engine.gravity
+        x, y, z = (gravity / np.linalg.norm(gravity)).tolist()
+        return resting(Rest(self.engine.time_step, friction, wall_friction, (x, y, z), self.are_spheres))
+
     def time(self) -> float:
         """Return the simulated time."""
         return self.engine.time
@@ -129,7 +143,8 @@ def equip(packing: Packing, options: MjcfOptions, *, are_spheres: bool = False) 
         If the packing is periodic.
     """
     refuse_periodic(packing)
-    apparatus = Apparatus(mjcf.text(packing, options))
+    # What an experiment is like follows from its own options, not from how the grains came to rest before.
+    apparatus = Apparatus(mjcf.text(replace(packing, provenance=()), options))
     if are_spheres:
         units = mjcf.units(packing, options.gravity)
         radii, masses = sphere_radii(packing) / units.length, volumes(packing.grains) * packing.densities / units.mass

@@ -254,6 +254,7 @@ def settle(
         direction=None if direction is None else scene.engine.gravity.tolist(),
         time_step=time_step,
         at_rest=run.at_rest,
+        **scene.rest(options),
     )
     return Settled(settled, run.history(), _report(run), contact_graph(snapshot(scene)))
 

@@ -212,7 +212,9 @@ def tap(
     told = {"taps": taps, "amplitude": height * scales.length, "acceleration": acceleration}
     run = _Tap(scene, Record(history_path, resume, told), progress, Shaking(taps, height, acceleration))
     run.run()
-    step = {"friction": friction, "wall_friction": wall_friction, "gravity": gravity, **told}
+    step = {
+        "friction": friction, "wall_friction": wall_friction, "gravity": gravity, **told, **scene.rest(options),
+    }  # fmt: skip
     after = np.array(run.rests)
     return Outcome(
         scene.packing().with_step("tap", spheres=spheres, time_step=time_step, **step),

@@ -168,7 +168,7 @@ def collapse(
     told = {"release": chosen, "friction": friction, "wall_friction": wall_friction, "max_time": max_time}
     run = _Collapse(scene, Record(history_path, resume, told), progress, told)
     run.run()
-    step = {"gravity": gravity, "time_step": time_step, "spheres": spheres, **told}
+    step = {"gravity": gravity, "time_step": time_step, "spheres": spheres, **told, **scene.rest(options)}
     found = run.slope()
     profile = {"distance": found.distances, "height": found.heights}
     return Outcome(
