@@ -32,7 +32,7 @@ from exporters.formats import FORMATS, Format, find, find_for, known
 from exporters.reading import READERS, read, rounding
 from exporters.replays import replay
 from grainsdem.atomic import write_all
-from grainsdem.errors import InputError
+from grainsdem.errors import InputError, RefusedError
 
 if TYPE_CHECKING:
     import os
@@ -87,7 +87,11 @@ def write(
     Raises
     ------
     InputError
-        If a format or an option is unknown, an option is out of range, or the packing is empty or not finite.
+        If a format or an option is unknown, an option is out of range, or the packing is empty or not finite. Nothing
+        is written.
+    RefusedError
+        If some of many formats cannot take the packing. The files of the others are written; the error and the
+        manifest say which formats and why.
     WriteError
         If a file exists and ``overwrite`` is false, or cannot be written.
     """
@@ -96,8 +100,11 @@ def write(
         found = find_for(path, format)
         return write_all(path.parent, _content(packing, found, path.stem, options), overwrite=overwrite)
     several = [find(word) for word in ([formats] if isinstance(formats, str) else formats)]
-    content = manifest.together(packing, several, name, _shared(several, options))
-    return write_all(path, content, overwrite=overwrite, make_folder=True)
+    content, refused = manifest.together(packing, several, name, _shared(several, options))
+    written = write_all(path, content, overwrite=overwrite, make_folder=True)
+    if refused:
+        raise RefusedError(refused, written)
+    return written
 
 
 def files(

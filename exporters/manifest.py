@@ -2,8 +2,8 @@
 
 ``manifest.json`` holds the packing's size, porosity and smallest gap, its provenance and the seeds in it, the versions
 that wrote it, and for every format its options, the factors from its units to SI, what it loses, what it did to the
-grains (such as rounding them), and the SHA-256 and size of each of its files. It has no clock, host or path in it: the
-same packing gives the same bytes.
+grains (such as rounding them), and the SHA-256 and size of each of its files; where formats could not take the packing,
+``refused`` says why. It has no clock, host or path in it: the same packing gives the same bytes.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from exporters.check import measured
-from grainsdem.errors import InputError
+from grainsdem.errors import GrainsDEMError, InputError, WriteError
 from grainsdem.measures import porosity
 from grainsdem.packing import contacts
 
@@ -37,23 +37,38 @@ _SI = {"length": 1.0, "mass": 1.0, "time": 1.0}
 _PACKAGES = ("grainsdem", "numpy", "usd-core", "mujoco")
 
 
-def together(packing: Packing, found: Sequence[Found], name: str, options: Sequence[Any]) -> dict[str, Any]:
-    """Return the files of many formats, and the manifest last: it is made when all others have been written.
+def together(
+    packing: Packing, found: Sequence[Found], name: str, options: Sequence[Any]
+) -> tuple[dict[str, Any], dict[str, str]]:
+    """Return the files of many formats, and which formats could not take the packing, with their reasons.
+
+    The manifest is the last file: it is made when all others have been written.
 
     Raises
     ------
     InputError
-        If no format is given, one is given twice, or two write the same file.
+        If no format is given, one is given twice, two write the same file, or none can take the packing.
     """
     if not found:
         raise InputError("formats must name at least one format; got none")
     content: dict[str, Any] = {}
     digests: dict[str, dict[str, Any]] = {}
-    rows = []
+    rows: list[dict[str, Any]] = []
+    refused: dict[str, str] = {}
     for one, chosen in zip(found, options, strict=True):
         # A format that is a folder gets one of its own among others.
         folder = "" if one.suffix or len(found) == 1 else f"{one.name}/"
-        written = one.module.files(packing, name=name, suffix=one.suffix, options=chosen)
+        try:
+            written = one.module.files(packing, name=name, suffix=one.suffix, options=chosen)
+            report = {"report": one.module.report(packing, chosen)} if hasattr(one.module, "report") else {}
+        except WriteError:
+            raise
+        except GrainsDEMError as error:
+            names = [other.name for other in found]
+            refused[one.name if names.count(one.name) == 1 else f"{one.name}{one.suffix}"] = str(error)
+            if one is found[-1] and not rows:
+                raise
+            continue
         named = {folder + file: part for file, part in written.items()}
         shared = [file for file in named if file in content]
         if shared:
@@ -64,11 +79,11 @@ def together(packing: Packing, found: Sequence[Found], name: str, options: Seque
             "options": asdict(chosen),
             "units": one.module.factors(packing, chosen) if hasattr(one.module, "factors") else _SI,
             "loses": list(one.module.LOSES),
-            **({"report": one.module.report(packing, chosen)} if hasattr(one.module, "report") else {}),
+            **report,
             "files": list(named),
         })  # fmt: skip
-    content[NAME] = _text(packing, name, rows, digests)
-    return content
+    content[NAME] = _text(packing, name, rows, refused, digests)
+    return content, refused
 
 
 def _counted(content: bytes | Iterable[bytes], file: str, digests: dict[str, dict[str, Any]]) -> Iterator[bytes]:
@@ -82,7 +97,11 @@ def _counted(content: bytes | Iterable[bytes], file: str, digests: dict[str, dic
 
 
 def _text(
-    packing: Packing, name: str, rows: list[dict[str, Any]], digests: dict[str, dict[str, Any]]
+    packing: Packing,
+    name: str,
+    rows: list[dict[str, Any]],
+    refused: dict[str, str],
+    digests: dict[str, dict[str, Any]],
 ) -> Iterator[bytes]:
     """Yield the manifest; the digests are known once the files before it are written."""
     document = {
@@ -92,6 +111,7 @@ def _text(
         "provenance": [json.loads(step) for step in packing.provenance],
         "versions": {package: found for package in _PACKAGES if (found := _version(package))},
         "formats": [{**row, "files": [digests[file] for file in row["files"]]} for row in rows],
+        **({"refused": refused} if refused else {}),
     }
     yield (json.dumps(document, indent=2, ensure_ascii=False, default=_plain) + "\n").encode()
 

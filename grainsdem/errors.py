@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
 
 
 class GrainsDEMError(Exception):
@@ -40,6 +40,24 @@ class WriteError(GrainsDEMError, OSError):
 
 class MissingPackageError(GrainsDEMError, ImportError):
     """An optional package is needed; the message says how to install it."""
+
+
+class RefusedError(InputError):
+    """One or more of several formats could not take a packing; what the others made of it is written.
+
+    Attributes
+    ----------
+    refused : dict of str to str
+        Why, by the name of the format or file.
+    made : Any
+        What was written all the same: a list of paths, or the result of a recipe.
+    """
+
+    def __init__(self, refused: Mapping[str, str], made: Any = None) -> None:
+        reasons = "; ".join(f"{name}: {reason}" for name, reason in refused.items())
+        super().__init__(f"all but {len(refused)} of the files are written; {reasons}")
+        self.refused = dict(refused)
+        self.made = made
 
 
 class ValidationError(GrainsDEMError, RuntimeError):

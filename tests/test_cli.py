@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 import re
@@ -14,8 +15,10 @@ import pytest
 from loading import grow
 from typer.testing import CliRunner
 
+import exporters
 import grainsdem
 from grainsdem.cli import app
+from grainsdem.errors import InputError
 
 pytestmark = pytest.mark.unit
 
@@ -147,6 +150,63 @@ def test_export_fills_a_folder_and_replaces_its_files_only_by_force(bed, tmp_pat
     assert again.exit_code == 2
     assert "bed.xml: exists already; pass overwrite=True (--force) to replace it" in again.stderr
     assert call(*words, "--force").exit_code == 0
+
+
+@pytest.fixture(scope="module")
+def far(bed):
+    """The bed a kilometre away: STL, read in single precision, cannot hold it; other formats can."""
+    near = grainsdem.load(bed)
+    domain = grainsdem.Domain(near.domain.lower + 1e3, near.domain.upper + 1e3)
+    moved = dataclasses.replace(near, positions=near.positions + 1e3, domain=domain, links=None)
+    return grainsdem.save(moved, bed.with_name("far.h5"))
+
+
+@pytest.mark.parametrize("words", ["bed.xml bed.stl bed.obj", "out --to mjcf --to stl --to obj"])
+def test_export_writes_the_formats_that_can_be_written_and_names_the_others(far, tmp_path, words):
+    names = [tmp_path / word if "." in word or word == "out" else word for word in words.split()]
+    result = call("export", far, *names, "--json")
+    assert result.exit_code == 1
+    assert result.stderr.count("\n") == 1
+    assert re.search(r"refused: all but 1 of the files are written; .*stl: STL is read in single", result.stderr)
+    files = json.loads(result.stdout)["files"]
+    assert {"bed.xml", "bed.obj"} <= {path.rsplit("/", 1)[1] for path in files}
+    assert sorted(files) == sorted(str(path) for path in tmp_path.rglob("bed*") if path.is_file()) + (
+        [str(tmp_path / "out" / "manifest.json")] if "out" in words else []
+    )
+
+
+def test_export_finds_what_is_wrong_before_it_writes_the_first_file(far, bed, tmp_path):
+    assert call("export", far, tmp_path / "bed.stl").exit_code == 2
+    assert call("export", bed, tmp_path / "b.stl", tmp_path / "b.xml", "--option", "binary=false").exit_code == 2
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "b.xml").write_text("mine")
+    result = call("export", bed, tmp_path / "b.stl", tmp_path / "b.xml")
+    assert result.exit_code == 2
+    assert "b.xml: exists already; pass --force" in result.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["b.xml"]
+
+
+@pytest.mark.parametrize("options", [[], ["--json"], ["--quiet"]])
+def test_a_run_does_all_the_rest_where_a_format_refuses_its_bed(tmp_path, monkeypatch, options):
+    def refuse(*_args, **_options):
+        raise InputError("grains of this kind are none of mine")
+
+    monkeypatch.setattr(exporters.module_for(".obj"), "files", refuse)
+    (tmp_path / "r.toml").write_text(
+        'rng = 3\nseeds = {process = "poisson", count = 150, relax = 1}\ngrains = {porosity = 0.4}\n'
+        '[section]\n[output]\nformats = ["xml", "obj", "stl"]\nfigures = false\n'
+    )
+    result = call("run", tmp_path / "r.toml", "--folder", tmp_path / "out", *options)
+    assert result.exit_code == 1
+    assert result.stderr.endswith(
+        "refused: all but 1 of the files are written; bed.obj: grains of this kind are none of mine\n"
+    )
+    # Before it at most a word about kernels that are compiled for the first time.
+    assert result.stderr.count("\n") <= 2
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert names >= {"bed.h5", "bed.xml", "bed.stl", "section.csv", "summary.json"}
+    assert "bed.obj" not in names
+    assert bool(result.stdout) == (options != ["--quiet"])
 
 
 def test_settle_writes_a_packing_and_a_history(heap, tmp_path):

@@ -14,8 +14,8 @@ import pytest
 
 import exporters
 from exporters.text import filled, rows_of_text
-from grainsdem.errors import InputError, WriteError
-from grainsdem.model import Packing, Polyhedra
+from grainsdem.errors import InputError, RefusedError, WriteError
+from grainsdem.model import Domain, Packing, Polyhedra
 
 pytestmark = pytest.mark.unit
 
@@ -167,6 +167,35 @@ def test_formats_that_cannot_be_written_together_are_refused(cube, tmp_path):
     with pytest.raises(InputError, match=r"has no option hue; it has"):
         exporters.write(cube, tmp_path / "out", formats=["mjcf", "stl"], hue=1)
     assert not list(tmp_path.iterdir())
+
+
+def far(packing):
+    """The packing far away: STL, read in single precision, cannot hold it; other formats can."""
+    moved = Domain(packing.domain.lower + 1e5, packing.domain.upper + 1e5)
+    return replace(packing, positions=packing.positions + 1e5, domain=moved)
+
+
+def test_of_many_formats_those_are_written_that_can_be(cube, tmp_path):
+    with pytest.raises(RefusedError, match=r"all but 1 of the files are written; stl: STL is read in single") as caught:
+        exporters.write(far(cube), tmp_path / "a", formats=["stl", "mjcf", "obj"])
+    assert {path.name for path in caught.value.made} == {path.name for path in (tmp_path / "a").iterdir()}
+    assert {path.name for path in caught.value.made} >= {"bed.xml", "bed.obj", "manifest.json"}
+    told = json.loads((tmp_path / "a" / "manifest.json").read_text())
+    assert [row["format"] for row in told["formats"]] == ["mjcf", "obj"]
+    assert told["refused"] == caught.value.refused
+    with pytest.raises(RefusedError, match=r"all but 1 of .*; stl: "):
+        exporters.write(far(cube), tmp_path / "c", formats=["obj", "stl"])
+    assert "refused" not in json.loads(exporters.write(cube, tmp_path / "b", formats=["stl"])[-1].read_text())
+
+
+def test_formats_none_of_which_can_be_written_leave_nothing(cube, tmp_path):
+    for formats in (["stl"], ["stl", "stl"]):
+        with pytest.raises(InputError, match="single precision") as caught:
+            exporters.write(far(cube), tmp_path / "a", formats=formats)
+        assert not isinstance(caught.value, RefusedError)
+    with pytest.raises(InputError, match="has no option frction"):
+        exporters.write(far(cube), tmp_path / "a", formats=["stl", "mjcf"], frction=0.3)
+    assert not (tmp_path / "a").exists()
 
 
 def test_a_disk_that_fills_up_is_one_error_and_leaves_nothing(cube, tmp_path, monkeypatch):

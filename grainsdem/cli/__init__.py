@@ -1,6 +1,6 @@
 """The command line: every command is a few lines over the public API.
 
-Exit codes: 0 done, 1 a check failed, 2 bad input, 130 interrupted.
+Exit codes: 0 done, 1 a check failed or a format refused the bed, 2 bad input, 130 interrupted.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from grainsdem.cli.options import Json, Quiet, Rng, app, err, guarded, keyed, out, prepare, print_json, show_summary
-from grainsdem.errors import InputError
+from grainsdem.errors import InputError, RefusedError
 
 Process = Literal["halton", "poisson", "cluster", "strauss", "strauss_process", "density", "noise", "image", "file"]
 VOID, SIZE, THROATS = "How much void: one of", "Grain size", "Pore throats"
@@ -47,14 +47,19 @@ def _run(recipe: Path, folder: Path, *, json_: bool, quiet: bool) -> None:
     from grainsdem import recipe as recipes
     from grainsdem.screen import ChainProgress, print_result
 
-    wanted = recipes.read(recipe)
+    wanted, refusal = recipes.read(recipe), None
     prepare(*compiling.STEPS, quiet=quiet)
     with ChainProgress(err, shown=not (quiet or json_)) as progress:
-        result = recipes.run(wanted, folder, progress)
+        try:
+            result = recipes.run(wanted, folder, progress)
+        except RefusedError as error:
+            result, refusal = error.made, error
     if json_:
         print_json({**result.summaries, "files": [str(path) for path in result.files]})
     elif not quiet:
         print_result(out, wanted.name, result)
+    if refusal is not None:
+        raise refusal
 
 
 @app.command()

@@ -15,7 +15,7 @@ import typer
 from rich.console import Console
 
 import grainsdem
-from grainsdem.errors import GrainsDEMError, InputError, ValidationError
+from grainsdem.errors import GrainsDEMError, InputError, RefusedError, ValidationError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -57,6 +57,9 @@ def guarded(command: Callable[..., None]) -> Callable[..., None]:
             command(*args, **kwargs)
         except ValidationError as error:
             complain(f"check failed: {error}")
+            raise typer.Exit(1) from None
+        except RefusedError as error:
+            complain(f"refused: {error}")
             raise typer.Exit(1) from None
         except GrainsDEMError as error:
             complain(f"error: {error}")

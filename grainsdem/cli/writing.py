@@ -9,7 +9,7 @@ import typer
 
 import grainsdem
 from grainsdem.cli.options import Bed, Force, Json, Quiet, app, guarded, keyed, load, out, print_json, show_files
-from grainsdem.errors import FileFormatError
+from grainsdem.errors import FileFormatError, InputError, RefusedError, WriteError
 
 
 @app.command()
@@ -36,14 +36,29 @@ def export(
     import exporters
 
     packing, options = load(bed), keyed(option or [])
-    for word in to or [output.suffix for output in outputs]:
-        exporters.find(word)  # all are known before the first is written
-    files = [
-        path
-        for output in outputs
-        for path in exporters.write(packing, output, formats=to or None, overwrite=force, **options)
-    ]
+    # All that can be known to be wrong is, before the first is written.
+    for several in [to] if to else [[output.suffix] for output in outputs]:
+        exporters.options_for(several, options)
+    standing = [] if force or to else [output for output in outputs if output.exists()]
+    if standing:
+        raise WriteError(f"{standing[0]}: exists already; pass --force to replace it")
+    files: list[Path] = []
+    refused: dict[str, str] = {}
+    for output in outputs:
+        try:
+            files += exporters.write(packing, output, formats=to or None, overwrite=force, **options)
+        except RefusedError as error:
+            files += error.made
+            refused |= {f"{output}/{name}" if len(outputs) > 1 else name: text for name, text in error.refused.items()}
+        except InputError as error:
+            if len(outputs) == 1:
+                raise
+            refused[str(output)] = str(error)
+    if not files:
+        raise InputError("; ".join(f"{name}: {reason}" for name, reason in refused.items()))
     show_files(files, json_=json_, quiet=quiet)
+    if refused:
+        raise RefusedError(refused, files)
 
 
 @app.command()

@@ -12,14 +12,14 @@ import exporters
 from grainsdem import figures, storage
 from grainsdem.atomic import replacing
 from grainsdem.dynamics import Settled, settle
-from grainsdem.errors import UnstableError, WriteError
+from grainsdem.errors import RefusedError, UnstableError, WriteError
 from grainsdem.measures import summary
 from grainsdem.packing import contacts
 from grainsdem.recipe.experiments import perform_all, write_replays
 from grainsdem.recipe.growing import grow, stream
 from grainsdem.recipe.motion import SettleTable
 from grainsdem.recipe.views import look_all
-from grainsdem.recipe.words import Monitor, Silent, counting_words, settling_words, throat_widths_told
+from grainsdem.recipe.words import Monitor, Silent, counting_words, noting, settling_words, throat_widths_told
 from grainsdem.validation import validate
 
 if TYPE_CHECKING:
@@ -72,6 +72,8 @@ def run(recipe: Recipe, folder: str | os.PathLike[str], monitor: Monitor | None 
     ------
     ValidationError
         If a bed fails validation; it is not written, and neither is what would follow.
+    RefusedError
+        If a format, or a replay, could not take a bed. All else is done and written first: the error has the result.
     WriteError
         If the folder cannot be made or written.
     """
@@ -79,21 +81,24 @@ def run(recipe: Recipe, folder: str | os.PathLike[str], monitor: Monitor | None 
     folder = _made(folder)
     fresh = grow(recipe, monitor)
     files, reports, summaries = [], {}, {}
+    refused: dict[str, str] = {}
     reports["bed"] = _validated(fresh, 1e-9, monitor)
     graph = contacts(fresh)
     summaries["bed"] = {**summary(fresh, graph), **throat_widths_told(fresh)}
-    files += _write(fresh, graph, folder / "bed", recipe.output, monitor)
+    files += _write(fresh, graph, folder / "bed", recipe.output, monitor, refused=refused)
     settled = None
     if recipe.settle is not None:
         settled = _settle(fresh, recipe, folder, monitor)
         files.append(folder / "history.h5")
         reports["settled"] = _validated(settled.packing, recipe.settle.overlap, monitor)
         summaries["settled"] = {**summary(settled.packing, settled.contacts), **settled.report.to_dict()}
-        files += _write(settled.packing, settled.contacts, folder / "settled", recipe.output, monitor)
+        files += _write(settled.packing, settled.contacts, folder / "settled", recipe.output, monitor, refused=refused)
         if recipe.output.figures:
             files.append(figures.energy_plot(settled.history, folder / "settling.png"))
         stem = folder / "settling"
-        files += write_replays(settled.packing, folder / "history.h5", stem, recipe.output.replays, monitor)
+        files += write_replays(
+            settled.packing, folder / "history.h5", stem, recipe.output.replays, monitor, refused=refused
+        )
     bed = fresh if settled is None else settled.packing
     written, measured = perform_all(
         recipe.experiments(),
@@ -103,6 +108,7 @@ def run(recipe: Recipe, folder: str | os.PathLike[str], monitor: Monitor | None 
         rng=recipe.rng,
         with_figures=recipe.output.figures,
         replays=recipe.output.replays,
+        refused=refused,
     )
     files += written
     summaries |= measured
@@ -113,7 +119,10 @@ def run(recipe: Recipe, folder: str | os.PathLike[str], monitor: Monitor | None 
     summaries |= measured
     with replacing(folder / "summary.json") as temporary:
         temporary.write_text(json.dumps(summaries, indent=2) + "\n", encoding="utf-8")
-    return Result(fresh, settled, reports, summaries, [*files, folder / "summary.json"])
+    result = Result(fresh, settled, reports, summaries, [*files, folder / "summary.json"])
+    if refused:
+        raise RefusedError(refused, result)
+    return result
 
 
 def _made(folder: str | os.PathLike[str]) -> Path:
@@ -130,14 +139,25 @@ def _validated(packing: Packing, overlap: float, monitor: Monitor) -> Report:
     return report.raise_if_failed()
 
 
-def _write(packing: Packing, graph: ContactGraph, stem: Path, output: OutputTable, monitor: Monitor) -> list[Path]:
+def _write(
+    packing: Packing,
+    graph: ContactGraph,
+    stem: Path,
+    output: OutputTable,
+    monitor: Monitor,
+    *,
+    refused: dict[str, str],
+) -> list[Path]:
+    """Write and draw a bed; formats that cannot take it are noted with their reasons."""
     folder, name = stem.parent, stem.name
     with monitor.stage(f"Writing {name}") as tell:
         files = [storage.save(packing, folder / f"{name}.h5")]
         options = exporters.options_for(output.formats, output.options)
         for k, suffix in enumerate(output.formats):
             tell(k / len(output.formats), suffix)
-            files += exporters.write(packing, folder / f"{name}.{suffix.removeprefix('.')}", **options[k])
+            path = folder / f"{name}.{suffix.removeprefix('.')}"
+            with noting(refused, path.name):
+                files += exporters.write(packing, path, **options[k])
     if output.figures:
         with monitor.stage(f"Drawing {name}"):
             files.append(figures.render(packing, folder / f"{name}.png"))

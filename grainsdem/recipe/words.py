@@ -1,14 +1,16 @@
-"""Who is told of the progress, and in what words."""
+"""Who is told of the progress and of what was refused, and in what words."""
 
 from __future__ import annotations
 
 import json
 import math
-from contextlib import nullcontext
+from contextlib import contextmanager, nullcontext
 from typing import TYPE_CHECKING, Any, Protocol
 
+from grainsdem.errors import GrainsDEMError, WriteError
+
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
     from contextlib import AbstractContextManager
 
     from grainsdem.dynamics import Progress
@@ -29,6 +31,17 @@ class Silent:
     def stage(self, title: str) -> AbstractContextManager[Callable[[float, str], None]]:  # noqa: ARG002  (the protocol's)
         """Begin a stage that nobody hears of."""
         return nullcontext(lambda _fraction, _words: None)
+
+
+@contextmanager
+def noting(refused: dict[str, str], name: str) -> Iterator[None]:
+    """Note why a file cannot be made of a bed, and go on; a disk that cannot be written is an error all the same."""
+    try:
+        yield
+    except WriteError:
+        raise
+    except GrainsDEMError as error:
+        refused[name] = str(error)
 
 
 def counting_words(tell: Callable[[float, str], None], things: str) -> Callable[[int, int], None]:

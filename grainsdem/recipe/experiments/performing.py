@@ -9,6 +9,7 @@ from grainsdem import dynamics, storage
 from grainsdem.errors import UnstableError
 from grainsdem.figures.curves import experiment_figure
 from grainsdem.figures.motion import animate
+from grainsdem.recipe.words import noting
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -58,6 +59,7 @@ def perform_all(
     *,
     rng: int,
     with_figures: bool,
+    refused: dict[str, str],
     replays: Sequence[str] = (),
 ) -> tuple[list[Path], dict[str, dict[str, Any]]]:
     """Run the experiments of a recipe, each on the same grains, and write them.
@@ -77,6 +79,8 @@ def perform_all(
         Seed; an ensemble has it and those that follow.
     with_figures : bool
         Whether curves are drawn.
+    refused : dict of str to str
+        Where replays that cannot be written are noted, with their reasons.
     replays : sequence of str
         What motions are written as; see `write_replays`.
 
@@ -104,11 +108,13 @@ def perform_all(
         summaries[name] = outcome.report.to_dict()
         if with_figures:
             files.append(experiment_figure(outcome.history, folder / f"{name}.png", profile=outcome.profile))
-        files += write_replays(outcome.packing, path, folder / f"{name}_replay", replays, monitor)
+        files += write_replays(outcome.packing, path, folder / f"{name}_replay", replays, monitor, refused=refused)
     return files, summaries
 
 
-def write_replays(packing: Packing, history: Path, stem: Path, suffixes: Sequence[str], monitor: Monitor) -> list[Path]:
+def write_replays(
+    packing: Packing, history: Path, stem: Path, suffixes: Sequence[str], monitor: Monitor, *, refused: dict[str, str]
+) -> list[Path]:
     """Write the motion that a history holds, and return the files.
 
     Parameters
@@ -124,13 +130,15 @@ def write_replays(packing: Packing, history: Path, stem: Path, suffixes: Sequenc
         ``pvd``: a time series for ParaView.
     monitor : Monitor
         Who is told of the progress.
+    refused : dict of str to str
+        Where files that cannot be made of this bed are noted, with their reasons.
     """
     files: list[Path] = []
     for suffix in suffixes:
         path = stem.with_name(f"{stem.name}.{suffix}")
         motion = storage.load_motion(history)
         times, positions, turns = (motion[key] for key in ("times", "positions", "quaternions"))
-        with monitor.stage(f"Replay {suffix}"):
+        with monitor.stage(f"Replay {suffix}"), noting(refused, path.name):
             if f".{suffix}" in exporters.replays.SUFFIXES:
                 files += exporters.replay(packing, path, times=times, positions=positions, quaternions=turns)
             else:
