@@ -8,9 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy import stats
+from typer.testing import CliRunner
 
 import grainsdem as gd
 from grainsdem import recipe as recipes
+from grainsdem.cli import app
 from grainsdem.errors import FileFormatError, InputError, MissingFileError
 from grainsdem.packing import size_of
 
@@ -250,3 +252,70 @@ def test_the_recipes_of_the_documentation_can_be_read():
         tables = tomllib.loads(f"{whole}\n{part}")
         tables.pop("survey", None)
         assert recipes.make(**tables).seeds.process == "poisson"
+
+
+LAW = {"law": "uniform", "parameters": {"loc": 0.5e-3, "scale": 1.5e-3}}
+SAID = re.compile(r"(\d+) of (\d+) cells of prescribed sizes .* by ([-+.\d]+), ([-+.\d]+) and ([-+.\d]+) %")
+
+
+def told(caplog):
+    """Return the numbers of every warning, each as dropped, cells, and the three percentages."""
+    found = [SAID.search(record.getMessage()) for record in caplog.records if record.levelname == "WARNING"]
+    assert all(found)
+    return [[float(number) for number in match.groups()] for match in found]
+
+
+def by_mass(diameters, marks, power):
+    """Percentiles by mass: half of a grain lies below itself."""
+    d = np.sort(diameters)
+    share = np.cumsum(d**power)
+    return np.interp(marks, 100 * (share - 0.5 * d**power) / share[-1], d)
+
+
+@pytest.mark.parametrize(("domain", "power"), [({}, 3), ({"shape": "slab", "lengths": [1, 1, 0.1]}, 2)])
+def test_sizes_that_are_dropped_at_walls_are_told_with_what_it_does_to_the_curve(caplog, domain, power):
+    tables = {"rng": 2, "domain": domain, "seeds": {"process": "poisson", "count": 150}}
+    grains = {"scale": 0.9, "sizes": {**LAW, "tolerance": 1e-3}}
+    bed = recipes.grow(recipes.make(**tables, grains=grains))
+    ((dropped, cells, *moved),) = told(caplog)
+    assert (dropped, cells) == (150 - len(bed), 150)
+    asked = stats.uniform(**LAW["parameters"]).ppf((np.arange(150) + 0.5) / 150)
+    had = (
+        gd.diameters(bed.grains) if power == 3 else np.sqrt(4 / np.pi * gd.volumes(bed.grains) / bed.domain.lengths[2])
+    )
+    marks = [10, 50, 90]
+    expected = 100 * (by_mass(had, marks, power) / by_mass(asked, marks, power) - 1)
+    np.testing.assert_allclose(moved, expected, atol=0.15)  # the tolerance of the volumes, and of the percentage shown
+    caplog.clear()
+    recipes.grow(recipes.make(**tables, grains={**grains, "keep": "all"}))
+    recipes.grow(recipes.make(**{**tables, "domain": {**domain, "periodic": "xyz"[:power]}}, grains=grains))
+    recipes.grow(recipes.make(**tables, grains={"scale": 0.9}))
+    assert told(caplog) == []
+
+
+def test_python_the_recipe_and_the_command_tell_of_dropped_sizes_once(caplog, tmp_path):
+    cells = gd.sized_cells(gd.Domain.cube(), np.linspace(1, 3, 60), rng=1)
+    assert len(told(caplog)) == 0
+    bed = gd.carve(cells)
+    assert [row[:2] for row in told(caplog)] == [[60 - len(bed), 60]]
+    gd.carve(cells, keep="all")
+    assert len(told(caplog)) == 1
+    caplog.clear()
+    # Where the number of grains follows from the domain, several beds are tried, and one is told of.
+    words = ["generate", tmp_path / "a.h5", "--process", "poisson", "--side", 0.01, "--sizes", "uniform", "--quiet"]
+    words += ["--size-parameter", "loc=1e-3", "--size-parameter", "scale=1e-3", "--porosity", 0.4]
+    result = CliRunner().invoke(app, [str(word) for word in words])
+    assert result.exit_code == 0, result.output
+    assert len(told(caplog)) == 1
+    assert result.stderr.count("warning: ") == result.stderr.count("\n") == 1
+    assert SAID.search(result.stderr)
+    for cure in ("keep = 'all'", "a larger domain with more grains"):
+        assert cure in result.stderr
+
+
+def test_a_survey_tells_once_in_how_many_beds_sizes_were_dropped(caplog, tmp_path):
+    base = {"seeds": {"process": "poisson", "count": 60}, "grains": {"scale": 0.9, "sizes": LAW}}
+    plan = gd.survey.Survey(base, {"grains.keep": ["inside", "all"]}, repeats=2)
+    gd.survey.run(plan, tmp_path / "t.csv", workers=1)
+    (record,) = caplog.records
+    assert record.getMessage().startswith("in 2 of 4 beds cells of prescribed sizes touch a wall")

@@ -40,7 +40,7 @@ err = Console(stderr=True, soft_wrap=True)
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but warnings and errors.")]
 Bed = Annotated[
     Path,
     typer.Argument(help="A packing: .h5, or a file we exported (.xml, .usda, .usdc, .stl, .obj).", show_default=False),
@@ -54,7 +54,8 @@ def guarded(command: Callable[..., None]) -> Callable[..., None]:
     @functools.wraps(command)
     def run_guarded(*args: Any, **kwargs: Any) -> None:
         try:
-            command(*args, **kwargs)
+            with warning():
+                command(*args, **kwargs)
         except ValidationError as error:
             complain(f"check failed: {error}")
             raise typer.Exit(1) from None
@@ -78,10 +79,26 @@ def complain(line: str) -> None:
 
 
 @contextmanager
+def warning() -> Iterator[None]:
+    """Print warnings that the library logs while the block runs, such as of what is left out, each as one line."""
+    handler = logging.Handler(logging.WARNING)
+    handler.emit = lambda record: complain(f"warning: {record.getMessage()}")  # type: ignore[method-assign]
+    loggers = [logging.getLogger(name) for name in ("grainsdem", "exporters")]
+    for logger in loggers:
+        logger.addHandler(handler)
+    try:
+        yield
+    finally:
+        for logger in loggers:
+            logger.removeHandler(handler)
+
+
+@contextmanager
 def telling(*, shown: bool) -> Iterator[None]:
     """Print what the library logs while the block runs, such as what a run will take."""
     handler = logging.Handler(logging.INFO)
     handler.emit = lambda record: err.print(record.getMessage(), markup=False, highlight=False)  # type: ignore[method-assign]
+    handler.addFilter(lambda record: record.levelno < logging.WARNING)  # those are printed already
     logger = logging.getLogger("grainsdem")
     before = logger.level
     if shown:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.errors import InputError
+from grainsdem.packing.carve import unwarned
 from grainsdem.recipe.grains import shape, size_ratio, sized
 from grainsdem.recipe.seeds import place
 from grainsdem.recipe.words import Monitor, Silent
@@ -99,7 +100,8 @@ def _counted(recipe: Recipe, tell: Callable[[float, str], None]) -> tuple[Recipe
     tried: dict[int, float] = {}
     while n not in tried and len(tried) < _BEDS:
         tell(len(tried) / _BEDS, f"{n} seeds")
-        bed, wanted = _grown(_with_count(plain, n), Silent(), is_scaled=False)
+        with unwarned():
+            bed, wanted = _grown(_with_count(plain, n), Silent(), is_scaled=False)
         tried[n] = size_ratio(recipe.grains, bed, wanted)
         if abs(tried[n] - 1) <= _CLOSE:
             break

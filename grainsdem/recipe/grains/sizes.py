@@ -28,7 +28,8 @@ class SizesTable(Table):
     """``[grains.sizes]``: the diameters [m] of the grains, by a law or one by one; cells are made to fit them.
 
     Only their ratios count where ``[grains]`` has a mean or median diameter of its own. Diameters are those of spheres
-    of equal volume, or in a slab of circles of equal area. Which grains touch a wall and are dropped is left to chance.
+    of equal volume, or in a slab of circles of equal area. Cells that touch a wall are dropped, and their sizes with
+    them, unless ``keep`` is ``"all"``: a warning tells what that does to the curve.
 
     Parameters
     ----------
