@@ -8,9 +8,11 @@ import numpy as np
 
 from grainsdem.errors import InputError
 from grainsdem.geometry.clipping import box_planes, solid_volume
+from grainsdem.geometry.forms.sizes import above_zero
 from grainsdem.geometry.integrals import volumes
 from grainsdem.geometry.rotations import world_vertices
 from grainsdem.measures.grains.sizes import diameters
+from grainsdem.model.given import require_packing
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -46,9 +48,10 @@ def porosity(packing: Packing, *, region: Literal["cells", "domain"] | tuple[Arr
     Raises
     ------
     InputError
-        If ``"cells"`` is asked for after the grains left their cells, the box is not one, or it reaches out
-        of a periodic axis.
+        If a grain's volume is not above zero, ``"cells"`` is asked for after the grains left their cells, the box is
+        none, or it reaches out of a periodic axis.
     """
+    require_packing(packing)
     if isinstance(region, str):
         if region == "cells":
             return _of_cells(packing)
@@ -95,6 +98,7 @@ def core_box(packing: Packing, *, margin: float = 1.0) -> Box:
     nothing, and the box stays below all but the deepest pits. Wider columns would each find one of the highest grains
     of the surface, and put the surface where a bed is half empty already.
     """
+    require_packing(packing)
     if margin < 0:
         raise InputError(f"margin must be zero or more; got {margin}")
     if len(packing) == 0:
@@ -115,7 +119,7 @@ def core_box(packing: Packing, *, margin: float = 1.0) -> Box:
 def _of_cells(packing: Packing) -> float:
     if packing.links is None:
         raise InputError("the grains have left the cells they grew in; give region='domain' or the corners of a box")
-    return float(1 - volumes(packing.grains).sum() / packing.links.cell_volumes.sum())
+    return float(1 - above_zero(volumes(packing)).sum() / packing.links.cell_volumes.sum())
 
 
 def _of_box(packing: Packing, lower: NDArray[np.float64], upper: NDArray[np.float64]) -> float:

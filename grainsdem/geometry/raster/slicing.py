@@ -9,6 +9,7 @@ from numba import njit
 
 from grainsdem.geometry.rotations import to_matrices
 from grainsdem.geometry.threads import INNER, in_blocks
+from grainsdem.model.given import grains_of
 from grainsdem.ragged import offsets_from_counts, take_indices
 
 if TYPE_CHECKING:
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
 
     from grainsdem.geometry.raster.copies import Copies
     from grainsdem.model import Packing
+    from grainsdem.model.given import Grains
 
     Floats = NDArray[np.float64]
 
@@ -208,18 +210,18 @@ def _clip(points, offsets, planes, areas):  # type: ignore[no-untyped-def]
         areas[j] = area
 
 
-def mean_widths(packing: Packing) -> Floats:
-    """Return the mean width [m] of each grain over all directions, shape (n,).
+def mean_widths(grains: Grains) -> Floats:
+    """Return the mean width [m] of each grain of a packing, or of each polyhedron, over all directions, shape (n,).
 
     Notes
     -----
     Of a convex polyhedron it is Σ l θ / 4π over the edges, l the length and θ the angle between the normals of the two
     faces beside the edge (Santaló 1976). A cube of edge 1 has 3/2.
     """
-    g = packing.grains
-    result = np.zeros(len(packing))
+    g = grains_of(grains)
+    result = np.zeros(len(g))
     mesh = g.vertices, g.vertex_offsets, g.face_offsets, g.face_vertices, g.face_vertex_offsets
-    in_blocks(_widths, len(packing), *mesh, result)
+    in_blocks(_widths, len(g), *mesh, result)
     return result
 
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.errors import InputError, ShapeError
+from grainsdem.model.given import require_packing
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -81,6 +82,7 @@ def branch_vectors(graph: ContactGraph, packing: Packing) -> Floats:
     ShapeError
         If the graph is of another number of grains than the packing.
     """
+    require_packing(packing)
     if graph.n_grains != len(packing):
         raise ShapeError(f"the contacts must be those of the packing's {len(packing)} grains; got {graph.n_grains}")
     inner = graph.among_grains()
