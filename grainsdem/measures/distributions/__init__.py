@@ -3,7 +3,7 @@
 from grainsdem.measures.distributions.fits import FAMILIES, SizeFit, fit_sizes
 from grainsdem.measures.distributions.hyperbolic import LogHyperbolic
 from grainsdem.measures.distributions.normal import LogNormal, Normal
-from grainsdem.measures.distributions.sieves import fit_sieves
+from grainsdem.measures.distributions.sieves import fit_sieves, sieve_statistics
 from grainsdem.measures.distributions.statistics import (
     PhiStatistics,
     SizeStatistics,
@@ -22,6 +22,7 @@ __all__ = [
     "SizeStatistics",
     "fit_sieves",
     "fit_sizes",
+    "sieve_statistics",
     "size_distribution",
     "size_statistics",
     "to_phi",

@@ -97,7 +97,10 @@ def _newton(gradient: Floats, curvature: Floats, damping: float) -> Floats:
     if not gradient.size:
         return gradient
     values, vectors = np.linalg.eigh(-curvature)
-    scale = np.maximum(np.abs(values), 1e-12 * np.abs(values).max()) * (1 + damping)
+    largest = float(np.abs(values).max())
+    if not largest > 0:  # level as far as rounding tells: there is no step
+        return np.zeros(gradient.shape)
+    scale = np.maximum(np.abs(values), 1e-12 * largest) * (1 + damping)
     return np.asarray(vectors @ (vectors.T @ gradient / scale))
 
 

@@ -1,4 +1,4 @@
-"""Distributions fitted to counts in size classes: what sieves give, where no grain's own size is known.
+"""Statistics of, and distributions fitted to, classes of size: what sieves give, where no grain's own size is known.
 
 References
 ----------
@@ -6,6 +6,10 @@ References
    Lond. A 353 (1977) 401-419.
 .. [2] N. R. J. Fieller, E. C. Flenley, W. Olbricht, "Statistics of particle size data", J. R. Stat. Soc. C 41 (1992)
    127-146.
+.. [3] R. L. Folk and W. C. Ward, "Brazos River bar: a study in the significance of grain size parameters",
+   J. Sedimentary Petrology 27 (1957) 3-26.
+.. [4] S. J. Blott and K. Pye, "GRADISTAT: a grain size distribution and statistics package for the analysis of
+   unconsolidated sediments", Earth Surface Processes and Landforms 26 (2001) 1237-1248.
 """
 
 from __future__ import annotations
@@ -21,6 +25,15 @@ from grainsdem.measures.distributions.fits import Family, SizeFit, StandardFit, 
 from grainsdem.measures.distributions.hyperbolic import NODES, WEIGHTS, span
 from grainsdem.measures.distributions.likelihood import hyperbolic_scores, standard_start
 from grainsdem.measures.distributions.normal import LogNormal, Normal
+from grainsdem.measures.distributions.statistics import (
+    MILLIMETRE,
+    PERCENTAGES,
+    PhiStatistics,
+    SizeStatistics,
+    by_moments,
+    described,
+    to_phi,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -34,6 +47,73 @@ LEAST_SHARE = 1e-300
 """Share below which a class counts as impossible, but not as infinitely so."""
 
 
+def sieve_statistics(bounds: ArrayLike, weights: ArrayLike) -> SizeStatistics:
+    """Return percentiles, graphic and moment statistics of weights in classes of size, and the names of their classes.
+
+    Parameters
+    ----------
+    bounds : array_like, shape (k + 1,)
+        Bounds [m] of the classes, rising; the first may be 0 (the pan), the last infinite: such classes are open.
+    weights : array_like, shape (k,)
+        Mass, or share of it, in each class; or counts.
+
+    Returns
+    -------
+    SizeStatistics
+        Its ``moments`` are those of the middles of the classes in φ, each with its weight; NaN where an open class,
+        which has no middle, holds any.
+
+    Raises
+    ------
+    ShapeError
+        If the arrays are not of shapes (k + 1,) and (k,).
+    InputError
+        If bounds do not rise, weights are negative, not finite or all zero, or a percentile from 5 to 95 % falls in an
+        open class: it is not extrapolated. A bound for that class, or finer sieves, cure it.
+
+    Notes
+    -----
+    The method of Folk and Ward: the running sum of the weights is known at the bounds of the classes, and the curve of
+    it over φ is a line from bound to bound. The percentiles of it, those in metres too, give the graphic statistics of
+    `size_statistics`. Where the curve is level, between the two sides of a gap, a percentile is in the gap's middle.
+
+    Examples
+    --------
+    Equal weights in four classes one φ wide are spread evenly over 4 φ: sorting 0.68 · 4 / 4 + 0.9 · 4 / 6.6.
+
+    >>> round(sieve_statistics([0.5e-3, 1e-3, 2e-3, 4e-3, 8e-3], [1, 1, 1, 1]).folk_ward.sorting, 4)
+    1.2255
+    """
+    edges, w = _checked(bounds, weights, 0)
+    if not w.any():
+        raise InputError(f"weights must not all be zero; got {w.tolist()}")
+    with np.errstate(divide="ignore"):
+        limits, w = to_phi(edges)[::-1], w[::-1]  # from coarse to fine, as φ rises
+    passed = 100 * np.concatenate([[0.0], np.cumsum(w)]) / w.sum()
+    phi = np.array([_crossing(limits, passed, q) for q in PERCENTAGES])
+    is_open = ~np.isfinite(limits[1:] - limits[:-1])
+    if not np.isfinite(phi).all():
+        bad = ", ".join(f"φ{q}" for q, value in zip(PERCENTAGES, phi, strict=True) if not np.isfinite(value))
+        held = " and ".join(f"{100 * share:.3g} %" for share in (w / w.sum())[is_open & (w > 0)])
+        raise InputError(f"{bad} fall in an open class, which holds {held}: give it a bound, or sieve finer")
+    middles = 0.5 * (limits[1:] + limits[:-1])[~is_open]
+    moments = PhiStatistics(*[np.nan] * 4) if w[is_open].any() else by_moments(middles, w[~is_open])
+    # The symmetry of the percentages makes the φ from coarse to fine the sizes from fine to coarse.
+    return described(MILLIMETRE * 2.0 ** -phi[::-1], phi, moments)
+
+
+def _crossing(limits: Floats, passed: Floats, q: float) -> float:
+    """Return where a rising curve of straight pieces reaches q; in the middle where it is level there."""
+    first = int(np.searchsorted(passed, q - 1e-9))  # a running sum is off by its rounding
+    last = int(np.searchsorted(passed, q + 1e-9, side="right")) - 1
+    if last >= first:
+        return float(0.5 * (limits[first] + limits[last]))
+    if not np.isfinite(limits[last : first + 1]).all():
+        return np.nan
+    part = (q - passed[last]) / (passed[first] - passed[last])
+    return float(limits[last] + part * (limits[first] - limits[last]))
+
+
 def fit_sieves(
     bounds: ArrayLike, counts: ArrayLike, family: Family = "log-hyperbolic", *, confidence: float = 0.95
 ) -> SizeFit:
@@ -42,7 +122,9 @@ def fit_sieves(
     Parameters
     ----------
     bounds : array_like, shape (k + 1,)
-        Bounds [m] of the classes, rising; the first may be 0 (the pan), the last infinite.
+        Bounds [m] of the classes, rising. The first is 0 where there is a pan, the last infinite where all that stays
+        on the coarsest sieve is counted, be it none. Bounds that are neither say that grains beyond them were not
+        looked for: the distribution is fitted to those between, and tells how many lie beyond.
     counts : array_like, shape (k,)
         Grains in each class. Shares of mass may be given instead; the intervals are those of as many grains as they
         sum to, so that only counts have ones that mean something.
@@ -67,7 +149,8 @@ def fit_sieves(
 
     Notes
     -----
-    What is maximised is Σ n_k ln(F(b_{k+1}) - F(b_k)), by Newton's method with the expected information.
+    What is maximised is Σ n_k ln[(F(b_{k+1}) - F(b_k)) / (F(b_K) - F(b_0))], by Newton's method with the expected
+    information; between 0 and infinity the divisor is 1.
     """
     check_options(family, confidence)
     edges, n = _checked(bounds, counts, 5 if family == "log-hyperbolic" else 3)
@@ -125,7 +208,12 @@ def _normal(theta: Floats, ends: Floats, n: Floats) -> Point:
 
 
 def _counted(n: Floats, shares: Floats, slopes: Floats) -> Point:
-    """Return the likelihood of counts from each class's share and its derivatives, shape (k, parameters)."""
+    """Return the likelihood of counts from each class's share and its derivatives, shape (k, parameters).
+
+    Grains are known to lie between the first and the last bound, no more: shares are of what lies there.
+    """
+    whole = max(float(shares.sum()), LEAST_SHARE)
+    shares, slopes = shares / whole, (slopes - np.outer(shares / whole, slopes.sum(axis=0))) / whole
     shares = np.maximum(shares, LEAST_SHARE)
     relative = slopes / shares[:, None]
     information = n.sum() * np.einsum("k,ki,kj->ij", shares, relative, relative)
@@ -151,8 +239,9 @@ def _finished(edges: Floats, n: Floats, fit: SizeFit) -> SizeFit:
     """Return a fit with its likelihood and its distance from the counts."""
     below, above = fit.distribution.tails(edges)
     shares = np.where(below[:-1] > 0.5, above[:-1] - above[1:], below[1:] - below[:-1])
+    shares /= max(float(shares.sum()), LEAST_SHARE)
     value = float(n @ np.log(np.maximum(shares, LEAST_SHARE)))
-    ks = float(np.abs(np.concatenate([[0.0], np.cumsum(n)]) / n.sum() - below).max())
+    ks = float(np.abs(np.cumsum(n) / n.sum() - np.cumsum(shares)).max())
     return replace(fit, log_likelihood=value, n=float(n.sum()), ks=ks)
 
 
@@ -169,7 +258,7 @@ def _checked(bounds: ArrayLike, counts: ArrayLike, least: int) -> tuple[Floats, 
     if not (edges[0] >= 0 and np.isfinite(edges[:-1]).all() and (np.diff(edges) > 0).all()):
         raise InputError(f"bounds must rise from 0 or more, only the last infinite; got {edges.tolist()}")
     if not (np.isfinite(n).all() and (n >= 0).all()):
-        raise InputError(f"counts must be finite, zero or more; got {n.tolist()}")
+        raise InputError(f"counts and weights must be finite, zero or more; got {n.tolist()}")
     if np.count_nonzero(n) < least:
         raise InputError(
             f"this family needs grains in {least} classes or more; {np.count_nonzero(n)} of {n.size} hold any"

@@ -95,7 +95,7 @@ class PhiStatistics:
 
 @dataclass(frozen=True, slots=True)
 class SizeStatistics:
-    """What `size_statistics` says of sizes.
+    """What `size_statistics` says of sizes, and `sieve_statistics` of sieves.
 
     Parameters
     ----------
@@ -104,7 +104,8 @@ class SizeStatistics:
     folk_ward : PhiStatistics
         Graphic statistics of Folk and Ward.
     moments : PhiStatistics
-        Statistics by the method of moments, weighted as the percentiles are.
+        Statistics by the method of moments, weighted as the percentiles are; NaN of sieves of which an open one holds
+        any.
     size_class, sorting_class, skewness_class, kurtosis_class : str
         Wentworth's name of the graphic mean, and Folk and Ward's of the other three.
     """
@@ -137,12 +138,13 @@ def to_phi(sizes: ArrayLike) -> Floats:
 
 
 def size_statistics(sizes: ArrayLike, *, weights: ArrayLike | None = None) -> SizeStatistics:
-    """Return percentiles, graphic and moment statistics of sizes, and the names of their classes.
+    """Return percentiles, graphic and moment statistics of grains' sizes, and the names of their classes.
 
     Parameters
     ----------
     sizes : array_like, shape (n,)
-        Sizes [m], above zero.
+        Sizes [m], above zero, one a grain. Of weights in classes see `sieve_statistics`: the middles of classes are not
+        sizes, and statistics of them come out narrower than the sample.
     weights : array_like, shape (n,), optional
         What each grain counts for: its volume or mass gives what sieves give. Without it each counts for one.
 
@@ -157,7 +159,8 @@ def size_statistics(sizes: ArrayLike, *, weights: ArrayLike | None = None) -> Si
 
     Notes
     -----
-    With the percentiles of φ, from coarse to fine, the graphic statistics are
+    Percentiles are those of `percentiles`, each grain in the middle of its own step (Hazen); of φ they are taken of φ
+    itself. With these, from coarse to fine, the graphic statistics are
 
     mean (φ16 + φ50 + φ84) / 3, sorting (φ84 - φ16) / 4 + (φ95 - φ5) / 6.6, skewness (φ16 + φ84 - 2 φ50) / 2 (φ84 - φ16)
     + (φ5 + φ95 - 2 φ50) / 2 (φ95 - φ5), kurtosis (φ95 - φ5) / 2.44 (φ75 - φ25).
@@ -165,13 +168,21 @@ def size_statistics(sizes: ArrayLike, *, weights: ArrayLike | None = None) -> Si
     d = np.asarray(sizes, dtype=np.float64)
     if not (d > 0).all():
         raise InputError(f"sizes must be above zero to have a logarithm; {int((~(d > 0)).sum())} of {d.size} are not")
-    marks = percentiles(d, PERCENTAGES, weights=weights).tolist()
-    # The percentile is taken of φ itself: between two sizes a line over φ is not one over d.
-    graphic = _graphic(percentiles(to_phi(d), PERCENTAGES, weights=weights))
+    return described(
+        percentiles(d, PERCENTAGES, weights=weights),
+        # The percentile is taken of φ itself: between two sizes a line over φ is not one over d.
+        percentiles(to_phi(d), PERCENTAGES, weights=weights),
+        by_moments(to_phi(d), np.ones(d.shape) if weights is None else np.asarray(weights, np.float64)),
+    )
+
+
+def described(sizes: Floats, phi: Floats, moments: PhiStatistics) -> SizeStatistics:
+    """Return the statistics, and their names, of percentiles in metres and in φ at `PERCENTAGES`, and of moments."""
+    graphic = _graphic(phi)
     return SizeStatistics(
-        percentiles={f"d{q}": mark for q, mark in zip(PERCENTAGES, marks, strict=True)},
+        percentiles={f"d{q}": mark for q, mark in zip(PERCENTAGES, sizes.tolist(), strict=True)},
         folk_ward=graphic,
-        moments=_by_moments(to_phi(d), np.ones(d.shape) if weights is None else np.asarray(weights, np.float64)),
+        moments=moments,
         size_class=_name(_SIZES, graphic.mean),
         sorting_class=_name(_SORTING, graphic.sorting),
         skewness_class=_name(_SKEWNESS, graphic.skewness),
@@ -237,7 +248,8 @@ def _graphic(phi: Floats) -> PhiStatistics:
     return PhiStatistics(mean, sorting, skewness, (p95 - p5) / (2.44 * (p75 - p25)))
 
 
-def _by_moments(phi: Floats, weights: Floats) -> PhiStatistics:
+def by_moments(phi: Floats, weights: Floats) -> PhiStatistics:
+    """Return mean, standard deviation, skewness and kurtosis of weighted φ."""
     share = weights / weights.sum()
     mean = float(share @ phi)
     sorting = float(np.sqrt(share @ (phi - mean) ** 2))
