@@ -52,10 +52,12 @@ def _add_grains(pv: Any, plotter: Any, scene: Scene) -> None:
     faces = np.insert(corners, grains.face_vertex_offsets[:-1], np.diff(grains.face_vertex_offsets))
     mesh = pv.PolyData(world_vertices(scene.packing), faces=faces)
     mesh.cell_data["value"] = np.repeat(scene.values, n_faces)
+    # In a picture narrower than the default its title would reach over the edge.
+    letter = min(1.0, plotter.window_size[0] / 1200)
     scale = {
         "title": f"{scene.label}\n",  # a line of air above the topmost number
-        "title_font_size": 20,
-        "label_font_size": 18,
+        "title_font_size": max(6, round(20 * letter)),
+        "label_font_size": max(6, round(18 * letter)),
         "vertical": True,
         "position_x": 0.90,
         "position_y": 0.25,
