@@ -172,9 +172,9 @@ def study(grey: NDArray[np.float64], picked: Picked, path: Path) -> None:
     kept = inside(cells) & inside(weighted) & picked.is_whole
     ours, better, theirs = cell_areas(cells)[kept], cell_areas(weighted)[kept], picked.areas[kept]
     print(f"{len(picked.centres)} centres, {kept.sum()} whole grains and cells; areas in pixels:")
-    print("                   mean   s.d.    d10    d50    d90    d98  correlation  larger than the grain")
+    print("                   mean   s.d.    d10    d50    d90   most  correlation  larger than the grain")
     for name, areas in {"apparent": theirs, "Voronoi cells": ours, "Laguerre cells": better}.items():
-        percentiles = "".join(f"{q:7.1f}" for q in np.percentile(areas, (10, 50, 90, 98)))
+        percentiles = "".join(f"{q:7.1f}" for q in np.percentile(areas, (10, 50, 90, 100)))
         likeness = f"{np.corrcoef(areas, theirs)[0, 1]:12.3f} {(areas > theirs).mean():22.1%}"
         print(
             f"  {name:<14} {areas.mean():7.1f}{areas.std():7.1f}{percentiles}{likeness if areas is not theirs else ''}"
