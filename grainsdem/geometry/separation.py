@@ -40,6 +40,9 @@ TURN = 1 << 21
 PAIRS = 256
 """Pairs that are worth a thread."""
 
+PROVEN = 2e-15
+"""How near, relative to two grains, a bound must come to their distance to prove it: some twenty roundings."""
+
 UNIT = 2.0**-53
 """Largest relative error of one rounding."""
 
@@ -283,14 +286,14 @@ def _solve_near(
     if norm > 0.0:
         n[0], n[1], n[2] = n[0] / norm, n[1] / norm, n[2] / norm
         best = along(solids, a, b, t, n[0], n[1], n[2])
-    if best < apart - 1e-12 * size:
+    if best < apart - PROVEN * size:
         # The head start lets a direction that is no better than rounding lose to the face normal that it is near.
-        best = search_faces(solids, a, b, t, pa, pb, best - 1e-13 * size, n)
-    if best < -1e-13 * size:
+        head = best - 1e-13 * size
+        found = search_faces(solids, a, b, t, pa, pb, head, n)
+        best = found if found > head else best
+    if best < -1e-13 * size or best < apart - PROVEN * size:
+        # Apart too: rounding spoils a direction between points that nearly meet, and none that is square to two edges.
         best = search_edges(solids, a, b, t, pb, best, n, picked)
-    if best >= 0.0 and apart > best:
-        # Apart, and the closest points are known; the plane only bounds their distance from below.
-        return best if apart - best > 1e-9 * size else apart
     if picked[0] >= 0:
         x, va, vb = solids.vertices, solids.vertex_ranges[a, 0], solids.vertex_ranges[b, 0]
         for c in range(3):

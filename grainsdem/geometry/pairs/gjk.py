@@ -76,6 +76,10 @@ def _segment(w: NDArray[np.float64], i: int, j: int, weights: NDArray[np.float64
         v[0], v[1], v[2] = w[j, 0], w[j, 1], w[j, 2]
     else:
         v[0], v[1], v[2] = w[i, 0] + t * dx, w[i, 1] + t * dy, w[i, 2] + t * dz
+        if t > 0.0:
+            # Once more square to the segment: of a point much nearer than the ends are, rounding left a part along it.
+            rest = (v[0] * dx + v[1] * dy + v[2] * dz) / square
+            v[0], v[1], v[2] = v[0] - rest * dx, v[1] - rest * dy, v[2] - rest * dz
     return float(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
 
 
@@ -244,16 +248,17 @@ def descend(
             return SEPARATED, n, lower
         w[n, 0], w[n, 1], w[n, 2] = wx, wy, wz
         simplex.makers[n, 0], simplex.makers[n, 1] = p, q
-        n += 1
-        now = _nearest(n, simplex)
+        first, second, third = simplex.weights[0], simplex.weights[1], simplex.weights[2]
+        now = _nearest(n + 1, simplex)
         if now <= 0.0:
-            return OVERLAPPING, n, lower
-        n = _drop_unused(n, simplex)
+            return OVERLAPPING, n + 1, lower
         if now >= square:
-            # No progress: rounding rules. The caller compares the distance with the bound.
-            if lower > 0.0:
-                v[0], v[1], v[2] = vx, vy, vz
+            # No progress: rounding rules, and may have put the point anywhere. What stood before stands; the caller
+            # compares its distance with the bound.
+            simplex.weights[0], simplex.weights[1], simplex.weights[2] = first, second, third
+            v[0], v[1], v[2] = vx, vy, vz
             return SEPARATED, n, lower
+        n = _drop_unused(n + 1, simplex)
         square = now
     return SEPARATED, n, lower
 

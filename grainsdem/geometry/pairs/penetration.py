@@ -107,8 +107,9 @@ def search_edges(
     fa, fb = solids.face_ranges[a, 0], solids.face_ranges[b, 0]
     for e in range(solids.edge_ranges[a, 0], solids.edge_ranges[a, 1]):
         u, w = fa + edges[e, 2], fa + edges[e, 3]
-        # A direction between u and w is at least as deep as the shallower of the two planes above pb.
-        if min(_room(solids, u, pb[0], pb[1], pb[2]), _room(solids, w, pb[0], pb[1], pb[2])) > -best:
+        # A direction between u and w is at least as deep as the shallower of the two planes above pb; where it
+        # separates, pb is above one of them.
+        if min(_room(solids, u, pb[0], pb[1], pb[2]), _room(solids, w, pb[0], pb[1], pb[2])) > max(-best, 0.0):
             continue
         p, q = va + edges[e, 0], va + edges[e, 1]
         dx, dy, dz = x[q, 0] - x[p, 0], x[q, 1] - x[p, 1], x[q, 2] - x[p, 2]
