@@ -196,6 +196,8 @@ def test_a_run_does_all_the_rest_where_a_format_refuses_its_bed(tmp_path, monkey
         'rng = 3\nseeds = {process = "poisson", count = 150, relax = 1}\ngrains = {porosity = 0.4}\n'
         '[section]\n[output]\nformats = ["xml", "obj", "stl"]\nfigures = false\n'
     )
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "bed.obj").write_text("another bed")
     result = call("run", tmp_path / "r.toml", "--folder", tmp_path / "out", *options)
     assert result.exit_code == 1
     assert result.stderr.endswith(

@@ -30,7 +30,7 @@ def rows(pattern="{} {} {}", seeds=SEEDS, end="\n"):
     return "".join(pattern.format(*(repr(float(value)) for value in seed)) + end for seed in seeds)
 
 
-@pytest.mark.parametrize("suffix", [".csv", ".txt", ".dat", ".xyz"])
+@pytest.mark.parametrize("suffix", [".csv", ".txt"])
 @pytest.mark.parametrize(
     ("encoding", "mark"),
     [("utf-8-sig", b""), ("utf-16", b""), ("utf-16-be", codecs.BOM_UTF16_BE), ("utf-32", b""), ("utf-8", b"")],
@@ -151,6 +151,7 @@ def test_points_of_two_columns_are_found_beside_ids(tmp_path):
         ("1 0.1 0.2 0.3 0.4\n", "got 5 columns: which"),
         ("0.5\n0.7\n", "got one column: which"),
         ("".join(f"{k} {x} {y}\n" for k, (x, y, _) in enumerate(SEEDS, 1)), "an id, or x.* 'id x y' or 'x y z'"),
+        ("31 0.5 0.5\n9 0.25 0.5\n4 0.5 0.75\n", "an id, or x"),
         ("id,a,b\n" + rows("{},{},{}"), "columns 'id', 'a', 'b': which"),
         ("x,y,pos x,X,z\n" + rows("{},{},1,2,{}"), "columns 'x', 'X' could all be x"),
         ("0.1,0.2,n/a\n" + rows("{},{},{}"), "line 1: 'n/a' is no number"),
@@ -171,7 +172,7 @@ def test_points_of_two_columns_are_found_beside_ids(tmp_path):
         ("1e-3 2_0 3\n" + rows(), "line 1: '2_0' is no number"),
     ],
 )
-@pytest.mark.parametrize("suffix", [".csv", ".txt", ".xyz"])
+@pytest.mark.parametrize("suffix", [".csv", ".xyz"])
 def test_what_could_be_read_in_two_ways_is_one_line_that_says_how(tmp_path, suffix, text, words):
     path = written(tmp_path / f"a{suffix}", text)
     with pytest.raises(FileFormatError, match=words) as caught:
@@ -185,7 +186,14 @@ def test_files_without_points_hold_none(tmp_path, text):
     assert read(written(tmp_path / "a.csv", text)).shape == (0, 3)
 
 
-@pytest.mark.parametrize("suffix", [".txt", ".dat", ".xyz", ".csv"])
+def test_a_lattice_needs_no_names(tmp_path):
+    lattice = np.stack(np.meshgrid(*[np.arange(3.0)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    for seeds in (lattice, np.array([[5.0, 1, 2], [3, 0, 4], [9, 9, 9]])):
+        np.savetxt(tmp_path / "a.txt", seeds)
+        np.testing.assert_array_equal(read(tmp_path / "a.txt"), seeds)
+
+
+@pytest.mark.parametrize("suffix", [".txt", ".xyz", ".csv"])
 @pytest.mark.parametrize("columns", [2, 3])
 def test_seeds_whose_x_counts_come_back_as_they_were_written(tmp_path, suffix, columns):
     seeds = np.column_stack([np.arange(6.0), SEEDS[:6, 1:columns]])

@@ -73,7 +73,7 @@ def generate(
     seeds: Annotated[
         Path | None,
         typer.Option(
-            help="Your own seeds (.txt, .csv, .npy or .npz, three columns in metres), "
+            help="Your own seeds in metres (.txt, .csv, .xyz, .npy or .npz), "
             "or the image or density (.npy) that the process places them by."
         ),
     ] = None,

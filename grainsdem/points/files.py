@@ -50,7 +50,7 @@ def read(path: str | os.PathLike[str]) -> NDArray[np.float64]:
     tabs, ``,`` or ``;``, whatever the suffix; decimals follow a point, or a comma where that parts no columns. A header
     is a first line, or a comment, that names columns: x, y and z are found by their names (``pos_x``, ``X [mm]``,
     ``Points:0``) and others, such as ids, left out. Without names two or three columns are coordinates, words before
-    them labels; four or more, or three the first of which counts 1, 2, 3, are refused. XYZ (the number, a comment, and
+    them labels; four or more, or three the first of which may be ids, are refused. XYZ (the number, a comment, and
     ``C x y z`` in each line; extended XYZ, too), Qhull's format and files that begin with the number of their points
     are read.
     """
@@ -99,7 +99,7 @@ def write(seeds: ArrayLike, path: str | os.PathLike[str]) -> Path:
             np.savetxt(temporary, points, fmt="%.17g", delimiter=",", header=header, comments="")
         else:
             # Only where x could be taken for an id: the header is one more line for other programs to stumble over.
-            is_clear = not (len(points) and text.is_counting(points[:, 0]))
+            is_clear = not text.may_have_ids(points)
             np.savetxt(temporary, points, fmt="%.17g", header="" if is_clear else " ".join("xyz"[: points.shape[1]]))
     return target
 

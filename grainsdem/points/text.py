@@ -85,10 +85,10 @@ def positions(content: bytes) -> Floats:
     named = axes_of(names)
     columns = named or _unnamed(rows, names, separator)
     points = _numbers(rows, columns, separator)
-    if not named and len(_split(rows[0][1], separator)) == len(columns) == 3 and is_counting(points[:, 0]):
+    if not named and len(_split(rows[0][1], separator)) == len(columns) == 3 and may_have_ids(points):
         raise FileFormatError(
-            "the first of three columns counts: an id, or x? Name the columns in a first line, 'id x y' or 'x y z', "
-            "parted as the numbers are"
+            "the first of three columns is of whole numbers, all unlike: an id, or x? Name the columns in a first line, "
+            "'id x y' or 'x y z', parted as the numbers are"
         )
     return points
 
@@ -116,9 +116,16 @@ def listed(content: bytes) -> Floats:
     return _numbers(cut, [0], "\t")[:, 0]
 
 
-def is_counting(values: Floats) -> bool:
-    """Return whether values are 0, 1, 2 … or 1, 2, 3 …, three or more of them, as ids are."""
-    return len(values) > 2 and values[0] in (0.0, 1.0) and bool((np.diff(values) == 1.0).all())
+def may_have_ids(points: Floats) -> bool:
+    """Return whether the first column may be ids: three or more whole numbers, all unlike, that count or stand alone.
+
+    They stand alone where the other columns are not of whole numbers, as those of a lattice are.
+    """
+    first = points[:, 0]
+    if len(first) < 3 or (first != np.floor(first)).any() or len(np.unique(first)) < len(first):
+        return False
+    is_counting = bool((np.diff(first) == 1.0).all())
+    return is_counting or bool((points[:, 1:] != np.floor(points[:, 1:])).any())
 
 
 def is_number(text: str) -> bool:

@@ -64,7 +64,8 @@ def run(recipe: Recipe, folder: str | os.PathLike[str], monitor: Monitor | None 
     recipe : Recipe
         What to make.
     folder : str or path-like
-        Where files go; made if it is not there. Files of the same names are replaced.
+        Where files go; made if it is not there. Files of the same names are replaced, or removed where a format
+        refuses the bed.
     monitor : Monitor, optional
         Who is told of the progress.
 
@@ -158,6 +159,8 @@ def _write(
             path = folder / f"{name}.{suffix.removeprefix('.')}"
             with noting(refused, path.name):
                 files += exporters.write(packing, path, **options[k])
+            if path.name in refused:
+                path.unlink(missing_ok=True)  # one of an earlier run would pass for this bed's
     if output.figures:
         with monitor.stage(f"Drawing {name}"):
             files.append(figures.render(packing, folder / f"{name}.png"))
