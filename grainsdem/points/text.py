@@ -87,8 +87,8 @@ def positions(content: bytes) -> Floats:
     points = _numbers(rows, columns, separator)
     if not named and len(_split(rows[0][1], separator)) == len(columns) == 3 and may_have_ids(points):
         raise FileFormatError(
-            "the first of three columns is of whole numbers, all unlike: an id, or x? Name the columns in a first line, "
-            "'id x y' or 'x y z', parted as the numbers are"
+            "the first of three columns is of whole numbers, all unlike: an id, or x? Name the columns in a first "
+            "line, 'id x y' or 'x y z', parted as the numbers are"
         )
     return points
 
