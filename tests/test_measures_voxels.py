@@ -294,6 +294,66 @@ def test_surface_and_chords_come_nearer_to_the_exact_ones_at_their_rates(periodi
     assert np.all(np.abs(chords[1]) < 0.04)
 
 
+# Shares of the sphere nearest to each of the 26 directions to the nearest voxels (Ohser and Schladitz 2009).
+SHARES = {1: 0.0457778912, 2: 0.0369806250, 3: 0.0351956310}
+
+
+def seen(normal, *, is_plane=False):
+    """Return how much is seen of faces: all directions to the nearest voxels, each with its share, along the normal."""
+    directions = [d for d in itertools.product((-1, 0, 1), repeat=3) if any(d) and not (is_plane and d[2])]
+    shares = np.array([1 / 8 if is_plane else SHARES[sum(map(abs, d))] for d in directions])
+    units = np.array([np.array(d) / np.linalg.norm(d) for d in directions])
+    assert sum(shares) == pytest.approx(1)
+    along = np.abs(np.array(normal) @ units.T) / np.linalg.norm(normal, axis=-1, keepdims=True)
+    return (np.pi / 2 if is_plane else 2) * along @ shares
+
+
+@pytest.mark.unit
+@pytest.mark.parametrize("method", ["correlation", "crofton"])
+@pytest.mark.parametrize("normal", [(0, 0, 1), (0, 1, 1), (1, 1, 1), (0, 1, 2), (1, 2, 5)])
+@pytest.mark.parametrize("is_plane", [False, True])
+def test_layers_are_seen_as_large_as_their_direction_says_at_every_size_of_voxel(method, normal, is_plane):
+    # Layers of solid and of void in turns, thicker than two steps in any direction.
+    normal = (*normal[::-1][:2], 0) if is_plane else normal
+    for half in (18, 27):
+        n = 2 * half
+        places = np.stack(np.meshgrid(*[np.arange(n)] * 2, np.arange(1 if is_plane else n), indexing="ij"), axis=-1)
+        labels = ((places @ np.array(normal)) % n < half).astype(np.int32).T
+        exact = 2 * np.linalg.norm(normal) / n
+        found = specific_surface(image(labels, periodic=(True, True, True)), method=method)
+        assert found / exact == pytest.approx(seen(normal, is_plane=is_plane), rel=1e-3)
+
+
+@pytest.mark.unit
+def test_the_bias_of_direction_has_the_bounds_that_the_docs_give_and_none_over_all_directions():
+    rng = np.random.default_rng(2)
+    for is_plane, least, most, spread in ((False, 0.927, 1.023, 0.016), (True, 0.948, 1.026, 0.023)):
+        normals = rng.standard_normal((100_000, 3)) * (1, 1, not is_plane)
+        found = seen(np.vstack([[1, 0, 0], normals]), is_plane=is_plane)
+        assert found.min() == pytest.approx(least, abs=5e-4) == pytest.approx(found[0], abs=5e-4)
+        assert found.max() == pytest.approx(most, abs=5e-4)
+        assert found.mean() == pytest.approx(1, abs=5 * spread / np.sqrt(100_000))
+        assert found.std() == pytest.approx(spread, rel=0.1)
+
+
+@pytest.mark.unit
+@pytest.mark.parametrize("h", [0.1, 0.05])
+def test_aligned_cubes_and_squares_keep_the_bias_of_direction_and_a_ball_and_a_disc_have_none(h):
+    cubes = voxelize(cube_packing([[2.0, 2.0, 2.0]], domain=Domain.cube(4.0)), size=h)
+    assert specific_surface(cubes) / (24 / 64) == pytest.approx(seen((0, 0, 1)), abs=3e-3)  # 0.927
+    middles = np.arange(h / 2, 4, h) - 2
+    square = (np.abs(middles)[None, :, None] < 1) & (np.abs(middles) < 1)
+    flat = seen((1, 0, 0), is_plane=True)
+    assert specific_surface(image(square, spacing=(h, h, h))) / (8 / 16) == pytest.approx(flat, abs=3e-3)  # 0.948
+    x, y, z = np.meshgrid(middles + 0.013, middles + 0.029, middles + 0.041, indexing="ij")
+    ball = specific_surface(image(x**2 + y**2 + z**2 < 1, spacing=(h, h, h)))
+    assert ball / (4 * np.pi / 64) == pytest.approx(1, abs=0.01)
+    disc = specific_surface(image((x**2 + y**2 < 1)[None, :, :, 0], spacing=(h, h, h)))
+    assert disc / (2 * np.pi / 16) == pytest.approx(1, abs=0.02)
+    chords = chord_lengths(cubes, "y").mean("solid")
+    assert chords == pytest.approx(1.5 * 4 * 8 / 24, rel=1e-12)
+
+
 @pytest.mark.statistical
 def test_the_perimeter_of_a_planar_bed_is_read_from_its_one_layer(flat):
     measured, thick = integrate(flat.grains), flat.domain.lengths[2]

@@ -1,4 +1,11 @@
-"""Chords of both phases, and the surface that they, or pairs of voxels, tell of."""
+"""Chords of both phases, and the surface that they, or pairs of voxels, tell of.
+
+References
+----------
+.. [1] P. Debye, H. R. Anderson, H. Brumberger, "Scattering by an inhomogeneous solid. II", J. Applied Physics 28 (1957)
+   679-683.
+.. [2] J. Ohser, K. Schladitz, "3D Images of Materials Structures", Wiley-VCH (2009): surface from 13 directions.
+"""
 
 from __future__ import annotations
 
@@ -65,7 +72,9 @@ def chord_lengths(voxels: Voxels, axis: Literal["x", "y", "z"] = "x") -> Chords:
     Notes
     -----
     Of a convex body and lines from all sides the mean chord is 4 V / A (Cauchy); of the solid and the void of a bed
-    4 (1 - φ) / s and 4 φ / s, φ the porosity, s its specific surface.
+    4 (1 - φ) / s and 4 φ / s, φ the porosity, s its specific surface. Lines of one direction are not from all sides:
+    they cross a face of normal n by |n_x| where those from all sides do by 1/2 in the mean, so that cubes that lie along
+    the lattice have chords of 1.5 times 4 V / A along each axis, however fine the voxels.
     """
     if axis not in ("x", "y", "z"):
         raise InputError(f"axis must be 'x', 'y' or 'z'; got {axis!r}")
@@ -92,7 +101,7 @@ def specific_surface(voxels: Voxels, *, method: Literal["correlation", "crofton"
     -------
     float
         Area over volume of the domain within the box. In a planar bed, perimeter over area, which is the same of the
-        prisms' sides.
+        prisms' sides. Faces of one direction are seen up to 7.3 % too small or 2.3 % too large, see below.
 
     Raises
     ------
@@ -102,15 +111,20 @@ def specific_surface(voxels: Voxels, *, method: Literal["correlation", "crofton"
     Notes
     -----
     ``"correlation"``: s = -4 S₂'(0), in a plane -π S₂'(0) (Debye 1957), with the slope of the parabola through S₂ at
-    none, one and two steps. At edges S₂ bends with the square of the distance, which a parabola takes up: the error
+    none, one and two steps. At edges S₂ bends with the square of the distance, which a parabola takes up: that error
     falls as h², once gaps are wider than about four voxels.
 
     ``"crofton"``: s = 2 P, in a plane (π / 2) P, with P the crossings of a unit of line. A line that leaves and enters
-    a phase between two voxels is not seen to cross, most often beside an edge: the error falls as h, and s is too
+    a phase between two voxels is not seen to cross, most often beside an edge: that error falls as h, and s is too
     small.
 
-    Both take the mean over the 13 directions to the nearest voxels, or 4 in a plane, each weighted with the part of the
-    sphere that is nearest to it.
+    Both take the mean over the 13 directions a to the nearest voxels, or 4 in a plane, each weighted with the part w of
+    the sphere that is nearest to it. A flat face of normal n is therefore seen by 2 Σ w |a · n|, in a plane (π / 2) Σ
+    w |a · n|, where all directions would give 1. With cubic voxels that is 0.927 where the face lies along the lattice
+    and at most 1.023, near (1, 2, 5); in a plane 0.948 along the lattice and along its diagonals, and 1.026 midway.
+    This bias of direction does *not* fall with h. It is 1 in the mean over all directions, with a standard deviation of
+    1.6 % (2.3 % in a plane): a bed of grains that are turned at random has none of it, one whose faces lie along the
+    lattice has it all. Aligned cubes have 7.3 % too little surface, squares 5.2 %, however fine the voxels.
     """
     if method not in ("correlation", "crofton"):
         raise InputError(f"method must be 'correlation' or 'crofton'; got {method!r}")
