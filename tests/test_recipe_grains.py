@@ -240,7 +240,7 @@ def test_law_that_reaches_below_zero_is_refused():
         grown(grains={"scale": 0.8, "sizes": {"law": "norm"}})
 
 
-def test_the_recipes_of_the_documentation_can_be_read():
+def test_the_recipes_of_the_documentation_can_be_read(tmp_path):
     page = (Path(__file__).parent.parent / "docs" / "recipes.md").read_text(encoding="utf-8")
     blocks = re.findall(r"(?:^ {4}.*\n|^\n)+", page, re.MULTILINE)
     texts = [re.sub("^ {4}", "", block, flags=re.MULTILINE) for block in blocks if block.strip()]
@@ -252,6 +252,10 @@ def test_the_recipes_of_the_documentation_can_be_read():
         tables = tomllib.loads(f"{whole}\n{part}")
         tables.pop("survey", None)
         assert recipes.make(**tables).seeds.process == "poisson"
+    (swept,) = (part for part in parts if "seeds.process = [" in part)
+    (tmp_path / "bed.toml").write_text(f"{whole}\n{swept}")
+    processes = [recipe.seeds.process for _, _, recipe in gd.survey.read(tmp_path / "bed.toml").jobs()]
+    assert processes == ["poisson"] * 5 + ["cluster"] * 10 + ["strauss"] * 5 + ["halton"] * 5
 
 
 LAW = {"law": "uniform", "parameters": {"loc": 0.5e-3, "scale": 1.5e-3}}
