@@ -1,10 +1,12 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import h5py
 import numpy as np
 import pytest
+from conftest import cube_packing
 from pyarrow import parquet
 from typer.testing import CliRunner
 
@@ -52,7 +54,21 @@ def test_measure_prints_the_distribution_with_the_best_family_first(beds, fresh)
     assert "sorted" in text
     assert all(lines.index(best) <= lines.index(family) for family in fits)
     sieved = call("measure", beds / "fresh.h5", "--distribution", "--diameter", "sieve").output
-    assert "b axes" in sieved
+    assert "square holes passed" in sieved
+
+
+def test_a_grain_that_is_inside_out_is_named_by_the_checks_and_has_no_size_to_measure(tmp_path):
+    bed = cube_packing([[1.0, 1, 1], [4.0, 1, 1]])
+    corners = np.array(bed.grains.face_vertices).reshape(12, 4)
+    corners[6:] = corners[6:, ::-1]
+    turned = replace(bed.grains, face_vertices=corners.ravel())
+    grainsdem.save(replace(bed, grains=turned), tmp_path / "bad.h5")
+    checked = call("validate", tmp_path / "bad.h5")
+    assert checked.exit_code == 1
+    assert "outward" in checked.stderr
+    measured = call("measure", tmp_path / "bad.h5")
+    assert measured.exit_code == 2
+    assert "1 of 2 have not: 1 (of the first it is -8 m3)" in " ".join(measured.stderr.split())
 
 
 def test_measure_refuses_a_table_in_another_format_before_it_reads_the_bed(tmp_path):

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import Annotated, Literal
 
+import numpy as np
 import typer
 
 import grainsdem
@@ -45,7 +46,9 @@ def validate(
     original = None if against is None else load(against)
     with ChainProgress(err, shown=not (quiet or json_)) as progress, progress.stage("Validating") as tell:
         told = counting_words(tell, "pairs")
-        rounding = exporters.rounding(packing, bed.suffix) / float(grainsdem.diameters(packing.grains).mean())
+        # Without its sign: what is wound inside out, and has no diameter, is for the checks to name.
+        size = float(np.cbrt(6 / np.pi * np.abs(grainsdem.volumes(packing))).mean())
+        rounding = exporters.rounding(packing, bed.suffix) / size if size > 0 else 0.0
         report = grainsdem.validate(packing, overlap=overlap, shape=max(SHAPE, rounding), method=method, progress=told)
         if original is not None:
             report = grainsdem.Report((*compare(packing, original), *report.checks))

@@ -146,7 +146,7 @@ def size_statistics(sizes: ArrayLike, *, weights: ArrayLike | None = None) -> Si
         Sizes [m], above zero, one a grain. Of weights in classes see `sieve_statistics`: the middles of classes are not
         sizes, and statistics of them come out narrower than the sample.
     weights : array_like, shape (n,), optional
-        What each grain counts for: its volume or mass gives what sieves give. Without it each counts for one.
+        What each grain counts for: its volume or mass gives statistics by those. Without it each counts for one.
 
     Returns
     -------

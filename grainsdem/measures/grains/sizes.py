@@ -89,8 +89,7 @@ def percentiles(values: ArrayLike, q: ArrayLike, *, weights: ArrayLike | None = 
     q : array_like, shape (...)
         Percentages in [0, 100]: 10, 50 and 90 give d10, d50 and d90.
     weights : array_like, shape (n,)
-        What each grain counts for, zero or more: its mass gives what sieves give. Without it each counts for
-        one.
+        What each grain counts for, zero or more: its mass gives percentiles by mass. Without it each counts for one.
 
     Returns
     -------
