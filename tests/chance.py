@@ -3,8 +3,11 @@
 Where a chaotic run ends is a draw. m runs that were made once, with other seeds, told its spread s (their sample
 standard deviation) and, where no law gives it, its mean. The mean of n new runs then differs from theirs by a draw of
 Student's distribution with m − 1 degrees of freedom times s √(1/n + 1/m), where single runs are normal: their interval
-of prediction. A tolerance is that distribution's quantile at the rate of false alarms that one can live with. The
-quantile grows as m falls, for one run from 4.3 spreads to 5.8 for m = 20 and 8.5 for m = 10: a spread known badly does no harm.
+of prediction. A tolerance is that distribution's quantile at the rate of false alarms that one can live with. For one
+run it is 4.3 spreads where m is large, 5.8 for m = 20 and 8.5 for m = 10: a spread that is known badly does no harm.
+
+Where a test asks only which of two means is larger, its comment tells the means, their spreads, and by how many spreads
+of the mean of so many runs they differ: seven are as good as never, five by a normal distribution once in 3e6.
 """
 
 from __future__ import annotations

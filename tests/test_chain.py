@@ -89,7 +89,7 @@ def test_manifold3d_finds_no_overlap_in_the_fresh_bed_and_little_in_the_settled(
 
 def test_the_settled_bed_is_random_not_a_jigsaw(made):
     result, _ = made
-    # Beds like this have CHAIN
+    # Of 7 runs of it: 3.36 ± 0.12, 11 spreads above.
     assert result.summaries["settled"]["mean_coordination"] > 2
 
 

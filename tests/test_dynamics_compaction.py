@@ -33,9 +33,9 @@ def pressed(few, shake):
 @pytest.mark.client
 def test_a_compacted_bed_bears_the_pressure_on_walls_and_in_contacts(pressed):
     assert pressed.report.is_reached
-    # Of 24 beds the walls' pressure had a spread of 2e-4 and the contacts' 4e-3 of itself.
-    assert pressed.report.pressure == pytest.approx(2e4, rel=margin(2e-4, measured=24))
-    assert pressed.report.pressure_contacts == pytest.approx(2e4, rel=margin(4e-3, measured=24))
+    # Of 15 beds: the walls' pressure 1.0000 ± 0.0002 of it, the contacts' 1.001 ± 0.005.
+    assert pressed.report.pressure == pytest.approx(2e4, rel=margin(2e-4, measured=15))
+    assert pressed.report.pressure_contacts == pytest.approx(2e4, rel=margin(5e-3, measured=15))
     assert validate(pressed.packing, overlap=2e-3).ok
 
 
@@ -52,12 +52,11 @@ def test_the_porosity_between_the_walls_is_that_of_the_grains_in_them(pressed, f
 @pytest.mark.statistical
 def test_less_friction_while_compacting_makes_a_denser_bed(few):
     rough, smooth = (
-        [compact(few, pressure=2e4, rng=seed, **options).report for seed in range(6)]
+        [compact(few, pressure=2e4, rng=seed, **options).report.porosity for seed in range(6)]
         for options in ({}, {"compaction_friction": 0.0})
     )
-    # Of 6 pairs: 0.09 ± 0.03 less porosity, 1.5 ± 0.7 more contacts; means of six are 7 and 5 spreads above nothing.
-    assert np.mean([a.porosity - b.porosity for a, b in zip(rough, smooth, strict=True)]) > 0
-    assert np.mean([b.coordination - a.coordination for a, b in zip(rough, smooth, strict=True)]) > 0
+    # Of 10 and 7 beds: porosity 0.536 ± 0.028 and 0.444 ± 0.008; means of six differ by 7 spreads.
+    assert np.mean(rough) > np.mean(smooth)
 
 
 @pytest.mark.slow
@@ -127,8 +126,8 @@ def test_each_tap_of_a_bed_is_told(tapped):
 @pytest.mark.slow
 @pytest.mark.statistical
 def test_tapping_makes_beds_denser(few):
-    reports = [tap(few, taps=4, rng=seed).report for seed in range(6)]
-    # Of 10 beds: 0.068 ± 0.026 less porosity; the mean of six is 6.4 of its spreads above nothing.
+    reports = [tap(few, taps=4, rng=seed).report for seed in range(8)]
+    # Of 10 beds: 0.067 ± 0.026 less porosity; the mean of eight is 7 of its spreads above nothing.
     assert np.mean([report.initial_porosity - report.final_porosity for report in reports]) > 0
 
 
