@@ -73,8 +73,8 @@ def chord_lengths(voxels: Voxels, axis: Literal["x", "y", "z"] = "x") -> Chords:
     -----
     Of a convex body and lines from all sides the mean chord is 4 V / A (Cauchy); of the solid and the void of a bed
     4 (1 - φ) / s and 4 φ / s, φ the porosity, s its specific surface. Lines of one direction are not from all sides:
-    they cross a face of normal n by |n_x| where those from all sides do by 1/2 in the mean, so that cubes that lie along
-    the lattice have chords of 1.5 times 4 V / A along each axis, however fine the voxels.
+    they cross a face of normal n by |n_x| where those from all sides do by 1/2 in the mean, so that cubes that lie
+    along the lattice have chords of 1.5 times 4 V / A along each axis, however fine the voxels.
     """
     if axis not in ("x", "y", "z"):
         raise InputError(f"axis must be 'x', 'y' or 'z'; got {axis!r}")
