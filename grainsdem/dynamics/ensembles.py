@@ -137,7 +137,7 @@ def ensemble(
         How many runs, with seeds 0, 1, 2 …, or the seeds themselves.
     through : {"auto", "batch", "processes"}
         Whether runs are stepped together by `mujoco.batch`, or each has a process; by default the former, and the
-        latter where models are too different for it. Each run has the same bits either way.
+        latter where models are too different for it. Each run has the same bits either way, on one machine.
     workers : int, optional
         Threads or processes; by default one for each processor.
     history_folder : str or path-like, optional

@@ -206,8 +206,8 @@ def settle(
     history_path : str or path-like, optional
         HDF5 file that the history is appended to while the run goes, so that an interrupted run keeps what it had.
     resume : bool
-        Whether to go on from where the run of that history was killed, to the same bits as if it had not been; a run
-        that has left no checkpoint starts anew.
+        Whether to go on from where the run of that history was killed, on the same machine to the same bits as if it
+        had not been; a run that has left no checkpoint starts anew.
     progress : callable, optional
         Called with a `Progress` at every sample.
 

@@ -132,7 +132,8 @@ class Domain(Noun):
         # 4 roundings: a point on an inclined plane is on it only within those.
         slack = 4 * np.finfo(np.float64).eps * max(np.abs(self.lower).max(), np.abs(self.upper).max())
         for plane in self.planes:
-            inside &= points @ plane[:3] <= plane[3] + slack
+            # Not a matrix product: BLAS rounds as the processor's vectors are wide.
+            inside &= (points * plane[:3]).sum(axis=1) <= plane[3] + slack
         return np.asarray(inside, dtype=bool)
 
     def scaled(self, factor: float) -> Self:
@@ -149,7 +150,7 @@ def _volume_inside(lower: Floats, upper: Floats, planes: Floats) -> float:
     # In units of the box, about its middle: Qhull's own tolerances are absolute.
     middle, size = 0.5 * (lower + upper), float((upper - lower).max())
     half = 0.5 * (upper - lower) / size
-    distances = (planes[:, 3] - planes[:, :3] @ middle) / size
+    distances = (planes[:, 3] - (planes[:, :3] * middle).sum(axis=1)) / size
     normals = np.concatenate([planes[:, :3], np.eye(3), -np.eye(3)])
     offsets = np.concatenate([distances, half, half])
     rows = np.column_stack([normals, np.ones(len(normals))])

@@ -99,7 +99,7 @@ def _lattice(n: int, columns: NDArray[np.int64], domain: Domain, pitch: float) -
         places[:, : up + 1] = domain.lower[: up + 1] + margin + (steps + 0.5) * spacing
         is_inside = np.ones(len(places), dtype=bool)
         for plane in domain.planes:
-            is_inside &= places @ plane[:3] <= plane[3] - 0.5 * pitch
+            is_inside &= (places * plane[:3]).sum(axis=1) <= plane[3] - 0.5 * pitch
         if np.count_nonzero(is_inside) >= n:
             chosen: NDArray[np.float64] = places[is_inside][:n]
             return chosen

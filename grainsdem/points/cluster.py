@@ -192,7 +192,8 @@ def _reflected(points: NDArray[np.float64], domain: Domain, axes: NDArray[np.boo
         outside = np.flatnonzero(~domain.contains(points))
         if not outside.size or not len(domain.planes):
             return points
-        beyond = points[outside] @ domain.planes[:, :3].T - domain.planes[:, 3]
+        # Not a matrix product: BLAS rounds as the processor's vectors are wide.
+        beyond = (points[outside, None] * domain.planes[:, :3]).sum(axis=2) - domain.planes[:, 3]
         worst = beyond.argmax(axis=1)
         step = 2.0 * beyond[np.arange(outside.size), worst]
         points[outside] -= step[:, None] * domain.planes[worst, :3]

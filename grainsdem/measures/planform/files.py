@@ -69,7 +69,7 @@ def write_planform(
     list of pathlib.Path
         The files, with ``truth.csv`` (`planform_table`), ``bias.csv`` (`planform_bias`; left out where no whole grain
         is seen) and ``planform.json``, which says what was asked for and where the pixels are. The same packing,
-        options and seed give the same bytes.
+        options and seed give the same bytes on the same processor.
 
     Raises
     ------

@@ -67,7 +67,7 @@ def photograph(
     Returns
     -------
     ndarray, shape (ny, nx)
-        Within [0, 1]. The same view, options and seed give the same bytes.
+        Within [0, 1]. The same view, options and seed give the same bytes on the same processor.
 
     Raises
     ------

@@ -239,7 +239,8 @@ def _grey(pixels: ArrayLike) -> NDArray[np.float64]:
     is_clear = values.shape[2] == 4
     if is_clear:
         values = _unit(values, kind)
-    grey = np.asarray(values[..., :3] @ np.array(LUMINANCE), dtype=np.float64)
+    # Not a matrix product: BLAS rounds as the processor's vectors are wide.
+    grey = np.asarray((values[..., :3] * np.array(LUMINANCE)).sum(axis=-1), dtype=np.float64)
     return grey * values[..., 3] + (1.0 - values[..., 3]) if is_clear else grey
 
 

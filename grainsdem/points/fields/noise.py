@@ -8,6 +8,7 @@ References
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -78,9 +79,10 @@ def noise_field(
     spectrum = rfftn(np.random.default_rng(rng).standard_normal(shape))
     frequencies = _frequencies(shape, edges)
     frequencies.flat[0] = frequencies.max()  # the mean, which is set apart
-    falls = -beta * np.log(frequencies)
-    # Against the strongest wave, so that no exponent is too large.
-    spectrum *= np.exp(falls - falls.max()) / np.abs(spectrum)
+    gains = _amplitudes(frequencies, beta) / np.hypot(spectrum.real, spectrum.imag)
+    # One part at a time: a product of complex numbers is rounded once or twice, as the processor has it.
+    spectrum.real *= gains
+    spectrum.imag *= gains
     spectrum.flat[0] = 0.0
     field = irfftn(spectrum, s=shape)
     return np.asarray(field / field.std(), dtype=np.float64)
@@ -135,6 +137,15 @@ def pink_noise(
     field = noise_field(shape.tolist(), beta, lengths=edges, rng=generator)
     density = tone(spread(field), gain=gain, cutoff=cutoff, threshold=threshold, floor=floor)
     return from_density(domain, n, density, rng=generator)
+
+
+def _amplitudes(frequencies: NDArray[np.float64], beta: float) -> NDArray[np.float64]:
+    """Return the amplitude of every wave, relative to the strongest, so that no exponent is too large."""
+    values, which = np.unique(frequencies, return_inverse=True)
+    # Python's functions are one on every processor; NumPy's exp and log are others where vectors are wide.
+    falls = np.array([-beta * math.log(value) for value in values.tolist()])
+    amplitudes = np.array([math.exp(fall) for fall in (falls - falls.max()).tolist()])
+    return amplitudes[which.reshape(frequencies.shape)]
 
 
 def _frequencies(shape: tuple[int, ...], edges: NDArray[np.float64]) -> NDArray[np.float64]:

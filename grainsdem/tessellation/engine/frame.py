@@ -46,7 +46,8 @@ class Frame:
         scale = float(2.0 ** np.ceil(np.log2(domain.lengths.max())))
         largest = max(np.abs(domain.lower).max(), np.abs(domain.upper).max(), domain.lengths.max())
         ulp = float(np.finfo(np.float64).eps * largest / scale)
-        distances = (domain.planes[:, 3] - domain.planes[:, :3] @ domain.lower) / scale
+        # Not a matrix product: BLAS rounds as the processor's vectors are wide.
+        distances = (domain.planes[:, 3] - (domain.planes[:, :3] * domain.lower).sum(axis=1)) / scale
         walls = np.column_stack([domain.planes[:, :3], distances])
         return cls(scale, domain.lower.copy(), domain.lengths / scale, domain.periodic.copy(), walls, ulp)
 

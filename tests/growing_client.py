@@ -1,0 +1,76 @@
+"""Grow beds of every process in whatever processor this Python is told to be, and say as JSON what bytes they have."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sys
+
+import numpy as np
+
+import exporters
+from grainsdem import points
+from grainsdem.model import Domain
+from grainsdem.packing import carve, jitter_throats, shrink
+from grainsdem.tessellation import relax, sized_cells, tessellate
+
+DOMAIN = Domain.cube(0.02)
+FORMATS = ("stl", "mjcf", "usd", "obj")
+
+
+def digest(*arrays):
+    found = hashlib.sha256()
+    for array in arrays:
+        found.update(array if isinstance(array, bytes) else np.ascontiguousarray(array).tobytes())
+    return found.hexdigest()[:16]
+
+
+def seeds(n):
+    """Return the seeds of every process."""
+    field = points.noise_field((16, 16, 16), 1.0, rng=3)
+    image = np.add.outer(np.arange(24.0), np.arange(24.0)) % 7 / 6
+    return {
+        "poisson": lambda: points.poisson(DOMAIN, n, rng=1),
+        "halton": lambda: points.halton(DOMAIN, n),
+        "cluster": lambda: points.cluster_poisson(DOMAIN, n, spread=0.002, parents=10, rng=1),
+        "strauss": lambda: points.strauss(DOMAIN, n, distance=0.002, inhibition=0.1, rng=1),
+        "strauss_process": lambda: points.strauss_process(DOMAIN, n, distance=0.002, inhibition=0.1, sweeps=20, rng=1),
+        "noise": lambda: points.pink_noise(DOMAIN, n, beta=1.0, resolution=16, rng=1),
+        "noise_field": lambda: field,
+        "density": lambda: points.from_density(DOMAIN, n, np.exp(field), rng=1),
+        "image": lambda: points.from_image(DOMAIN, n, image, rng=1),
+        "toned": lambda: points.pink_noise(DOMAIN, n, beta=1.0, resolution=16, gain=10.0, rng=1),
+        "colour": lambda: points.from_image(DOMAIN, n, np.stack([image, image**2, 1 - image], axis=-1), rng=1),
+        "smooth_image": lambda: points.from_image(DOMAIN, n, image, low_pass=0.1, rng=1),
+    }
+
+
+def grown(n):
+    """Return a digest of everything that is grown from n seeds, by name."""
+    found = {name: digest(draw()) for name, draw in seeds(n).items()}
+    drawn = points.poisson(DOMAIN, n, rng=1)
+    relaxed = tessellate(relax(drawn, DOMAIN, iterations=3), DOMAIN)
+    weights, sizes = np.random.default_rng(2).uniform(0, 1e-6, n), np.random.default_rng(2).uniform(0.5, 1.5, n)
+    pipe = Domain.cylinder(0.01, 0.02)
+    prisms = tessellate(points.cluster_poisson(pipe, n, spread=2e-3, parents=9, walls="reflect", rng=1), pipe)
+    bed = shrink(carve(relaxed), porosity=0.4)
+    jittered = jitter_throats(bed, fraction=0.3, rng=1)
+    return {
+        **found,
+        "relaxed": digest(relaxed.cells.vertices, relaxed.neighbors),
+        "laguerre": digest(tessellate(drawn, DOMAIN, weights=weights).cells.vertices),
+        "sized": digest(sized_cells(DOMAIN, sizes, rng=1).cells.vertices),
+        "cylinder": digest(shrink(carve(prisms, keep="all"), porosity=0.5).grains.vertices),
+        "shrunk": digest(bed.grains.vertices),
+        "jittered": digest(jittered.positions),
+        **{name: digest(*exporters.files(jittered, name).values()) for name in FORMATS},
+    }
+
+
+def wide():
+    """Return the names of the vectors that NumPy uses beyond what every processor has."""
+    return np.show_config(mode="dicts")["SIMD Extensions"].get("found", [])
+
+
+if __name__ == "__main__":
+    json.dump({"wide": wide(), "grown": grown(int(sys.argv[1]))}, sys.stdout)
