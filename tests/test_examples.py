@@ -3,6 +3,7 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+import tomllib
 from functools import cache
 from pathlib import Path
 
@@ -42,6 +43,23 @@ def printed(tmp_path_factory):
 @pytest.mark.parametrize("script", SCRIPTS)
 def test_every_example_runs_quickly_and_prints_something(script, printed):
     assert printed(script).strip()
+
+
+@pytest.mark.parametrize("script", ["figure_03_12_photograph", "figure_10_11_fields"])
+def test_an_example_without_its_needs_names_the_extra_that_brings_them(script, tmp_path):
+    # A module that is None cannot be imported: as where it is not installed.
+    code = (
+        "import runpy, sys; sys.modules['skimage'] = None; sys.argv = ['x', '--quick']; "
+        f"runpy.run_path({str(ROOT / 'examples' / f'{script}.py')!r}, run_name='__main__')"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert ended.returncode == 1
+    (line,) = ended.stderr.splitlines()
+    extra = re.search(r'pip install "\.\[(\w+)\]"', line)[1]
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    assert any(need.startswith("scikit-image") for need in extras[extra])
+    assert any(extra in re.findall(r"\w+", need) for need in extras["all"])
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.slow

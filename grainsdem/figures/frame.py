@@ -98,7 +98,7 @@ def _round_sizes(low: float, high: float) -> list[float]:
         mantissas = (1, 2, 5) if last - first <= 4 else (1,)
         sizes = [m * 10.0**power for power in range(first, last + 1) for m in mantissas]
     else:
-        sizes = MaxNLocator(nbins=5, steps=[1, 2, 5, 10]).tick_values(low, high).tolist()
+        sizes = [float(size) for size in MaxNLocator(nbins=5, steps=[1, 2, 5, 10]).tick_values(low, high)]
     return [size for size in sizes if low <= size <= high]
 
 
