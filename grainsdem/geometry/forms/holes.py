@@ -37,9 +37,6 @@ KEPT = np.array([192, 192, 192, 128, 64, 16, *[8] * 7, *[4] * 8])
 """Cubes that are parted again, step by step, never more than before. For 1800 grains of all kinds a search that leaves
 out only what a bound excludes found holes 0.1 % smaller at most. After the last step cubes are a ten-millionth wide."""
 
-HOPELESS = 1.25
-"""A cube whose middle is wider than the best by this factor along one direction is not looked at along the other."""
-
 BATCH = 64
 """Grains that a thread takes at a time: some hundredths of a second."""
 
@@ -71,25 +68,54 @@ def _first_cubes() -> Floats:
 
 
 @njit(**INNER)
-def _width(a, b, c, x, y, z):  # type: ignore[no-untyped-def]
-    """Return the width of points (a, b, c) along a direction (x, y, z)."""
-    low, high = 1e300, -1e300
-    for k in range(a.size):
-        t = x * a[k] + y * b[k] + z * c[k]
-        low = min(low, t)
-        high = max(high, t)
-    return high - low
+def _widths(a, b, c, u, n, low, high):  # type: ignore[no-untyped-def]
+    """Fill ``high`` with the widths of points (a, b, c) along the first n directions of u, shape (3, m)."""
+    x, y, z, last = u[0], u[1], u[2], a.size - 1
+    for i in range(n):
+        low[i], high[i] = 1e300, -1e300
+    # Four points at a time, and all directions in the inner loop, which then is one of vectors.
+    for k in range(0, a.size, 4):
+        k1, k2, k3 = min(k + 1, last), min(k + 2, last), min(k + 3, last)
+        for i in range(n):
+            t0 = x[i] * a[k] + y[i] * b[k] + z[i] * c[k]
+            t1 = x[i] * a[k1] + y[i] * b[k1] + z[i] * c[k1]
+            t2 = x[i] * a[k2] + y[i] * b[k2] + z[i] * c[k2]
+            t3 = x[i] * a[k3] + y[i] * b[k3] + z[i] * c[k3]
+            low[i] = min(t0, t1, t2, t3, low[i])
+            high[i] = max(t0, t1, t2, t3, high[i])
+    for i in range(n):
+        high[i] -= low[i]
 
 
 @njit(**INNER)
-def _side(a, b, c, x, y, z, enough):  # type: ignore[no-untyped-def]
-    """Return the wider of the widths along the sides of the square turned by Rodrigues' vector, or one > enough."""
-    s = 1.0 / (1.0 + x * x + y * y + z * z)
-    first = _width(a, b, c, (1.0 + x * x - y * y - z * z) * s, 2.0 * (x * y + z) * s, 2.0 * (x * z - y) * s)
-    if first > enough:
-        return first
-    second = _width(a, b, c, 2.0 * (x * y - z) * s, (1.0 - x * x + y * y - z * z) * s, 2.0 * (y * z + x) * s)
-    return max(first, second)
+def _sides(a, b, c, cubes, count, enough, sides, work):  # type: ignore[no-untyped-def]
+    """Fill the sides of the squares that Rodrigues' vectors turn; return the least and the most of those <= enough.
+
+    Of a square that is too wide one way the other is not looked at.
+    """
+    u, low, high, left = work
+    n = count
+    for i in range(count):
+        left[i], sides[i] = i, 0.0
+    for way in range(2):
+        for k in range(n):
+            x, y, z = cubes[left[k], 0], cubes[left[k], 1], cubes[left[k], 2]
+            s = 1.0 / (1.0 + x * x + y * y + z * z)
+            if way == 0:
+                u[0, k], u[1, k], u[2, k] = (1.0 + x * x - y * y - z * z) * s, 2 * (x * y + z) * s, 2 * (x * z - y) * s
+            else:
+                u[0, k], u[1, k], u[2, k] = 2 * (x * y - z) * s, (1.0 - x * x + y * y - z * z) * s, 2 * (y * z + x) * s
+        _widths(a, b, c, u, n, low, high)
+        least, most, kept = 1e300, 0.0, 0
+        for k in range(n):
+            i = left[k]
+            sides[i] = max(sides[i], high[k])
+            if sides[i] <= enough:
+                least, most = min(least, sides[i]), max(most, sides[i])
+                left[kept] = i
+                kept += 1
+        n = kept
+    return least, most
 
 
 @njit(**INNER)
@@ -111,18 +137,14 @@ def _threshold(sides, count, least, most, room):  # type: ignore[no-untyped-def]
 @njit(**INNER)
 def _smallest(a, b, c, cubes, half, kept):  # type: ignore[no-untyped-def]
     """Return the side of the smallest hole that points (a, b, c) pass, from cubes of half an edge ``half``."""
-    room = kept[0]
-    sides = np.empty(max(len(cubes), 8 * room))
-    chosen, parts = np.empty((room, 3)), np.empty((8 * room, 3))
-    best, enough, count = 1e300, 1e300, len(cubes)
+    room, count = kept[0], len(cubes)
+    most = max(count, 8 * room)
+    sides, chosen, parts = np.empty(most), np.empty((room, 3)), np.empty((8 * room, 3))
+    work = np.empty((3, most)), np.empty(most), np.empty(most), np.empty(most, dtype=np.int64)
+    best, enough = 1e300, 1e300
     for step in range(kept.size + 1):
-        worst = 0.0
-        for i in range(count):
-            sides[i] = _side(a, b, c, cubes[i, 0], cubes[i, 1], cubes[i, 2], enough)
-            worst = max(worst, sides[i])
-            if sides[i] < best:
-                best = sides[i]
-                enough = min(enough, HOPELESS * best)
+        least, worst = _sides(a, b, c, cubes, count, enough, sides, work)
+        best = min(best, least)
         if step == kept.size:
             break
         enough = _threshold(sides, count, best, worst, kept[step])
