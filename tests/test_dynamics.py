@@ -70,7 +70,7 @@ def test_overlap_at_rest_is_below_a_thousandth_of_a_diameter(settled):
 
 @pytest.mark.client
 def test_a_coarse_run_is_refined_until_its_overlaps_are_shallow(poured):
-    report = first_at_rest(lambda seed: settle(shuffle(poured, rng=seed), time_step=0.02, max_time=60.0)).report
+    report = first_at_rest(lambda seed: settle(shuffle(poured, rng=seed), time_step=0.03, max_time=60.0)).report
     assert report.refinements > 0
     assert report.overlap_max <= 5e-4
 
@@ -246,7 +246,7 @@ def test_a_run_that_stays_unstable_ends_with_the_last_good_state(monkeypatch, cu
 @pytest.mark.client
 def test_a_much_too_large_time_step_is_not_believed(poured):
     with pytest.raises(UnstableError, match="3 smaller time steps did not help") as caught:
-        settle(poured, time_step=1.0, max_time=40.0)
+        settle(poured, time_step=16.0, max_time=200.0)  # and 2 after three halvings: grains fall through the floor
     assert np.isfinite(caught.value.last_good.positions).all()
 
 
