@@ -70,21 +70,27 @@ def test_a_block_creeps_less_than_a_hundred_thousandth_of_a_diameter_a_unit_of_t
     assert way / time < 1e-5
 
 
+def falls_over(scene, n_steps):
+    """Return whether a block ever leans by more than 20 degrees: one that has fallen may roll on, and stand again."""
+    for _ in range(n_steps // 100):
+        scene.engine.step(100)
+        if to_matrices(scene.poses()[1])[0, 2, 2] < np.cos(np.radians(20)):
+            return True
+    return False
+
+
 @pytest.mark.parametrize("azimuth", [0.0, 90.0])
 @pytest.mark.parametrize(("angle", "topples"), [(44.0, False), (46.0, True)])
 def test_a_cube_topples_at_45_degrees_give_or_take_one(azimuth, angle, topples):
     scene = on_a_slope(np.radians(angle), azimuth, 2.0)
-    scene.engine.step(3000)
-    up = to_matrices(scene.poses()[1])[0, 2, 2]
-    assert (up < np.cos(np.radians(20))) == topples
+    assert falls_over(scene, 3000) == topples
 
 
 def test_a_block_twice_as_high_topples_at_half_the_slope():
     limit = np.degrees(np.arctan(0.5))
     for angle, topples in ((limit - 1, False), (limit + 1, True)):
         scene = on_a_slope(np.radians(angle), 0.0, 2.0, height=2.0)
-        scene.engine.step(4000)
-        assert (to_matrices(scene.poses()[1])[0, 2, 2] < np.cos(np.radians(20))) == topples
+        assert falls_over(scene, 4000) == topples
 
 
 def test_half_the_time_step_moves_a_sliding_block_by_less_than_a_hundredth_of_its_way():
@@ -108,7 +114,7 @@ def test_a_moving_bed_gains_the_momentum_that_gravity_floor_and_walls_give_it():
             engine.step(1)
             told = engine.last_contacts()
             impulse += (weight + told.forces[told.pairs[:, 0] < 0].sum(axis=0)) * engine.time_step
-        np.testing.assert_allclose(momentum(engine) - before, impulse, atol=1e-8 * engine.masses.sum())
+        np.testing.assert_allclose(momentum(engine) - before, impulse, atol=1e-12 * engine.masses.sum())
 
 
 def momentum(engine):
