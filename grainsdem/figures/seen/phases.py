@@ -49,7 +49,7 @@ def phase_figure(correlation: Correlation, chords: Chords, path: str | os.PathLi
                 name,
                 (1.0, level),
                 xycoords=("axes fraction", "data"),
-                xytext=(-4, 2),
+                xytext=(-4, 4),
                 ha="right",
                 textcoords="offset points",
                 color=INK,
