@@ -1,8 +1,10 @@
-"""The tessellation engine beside Voro++ (multivoro) and Qhull (scipy), in one run; prints docs/benchmarks.md's table.
+"""The tessellation engine beside Voro++ (native, multivoro) and Qhull (scipy), in one run; prints the page's table.
 
     python benchmarks/bench_tessellation.py             everything
     python benchmarks/bench_tessellation.py ratios      one part: ratios, million, growth, lloyd, clusters, sized or
-                                                        compile
+                                                        compile, native
+
+Native Voro++ needs a compiler and the library: apt-get install g++ voro++-dev.
 
 Wall times are the best of some runs that take turns, so that a busy machine slows all alike; the processor's time
 stands beside them, since it hardly feels what else runs.
@@ -10,6 +12,7 @@ stands beside them, since it hardly feels what else runs.
 
 import os
 import resource
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -67,6 +70,36 @@ def voropp(seeds, threads):
 
     limits = np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]])
     multivoro.compute_voronoi(seeds, limits=limits, radii=np.zeros(len(seeds)), n_threads=threads)
+
+
+def native():
+    """Compare native Voro++, every cell with neighbours and volume, with ours, turn by turn on one and two threads."""
+    if shutil.which("g++") is None:
+        print("native Voro++ is left out: apt-get install g++ voro++-dev")
+        return
+    seeds, domain = inputs(N)
+    warm_up()
+    with tempfile.TemporaryDirectory() as folder:
+        program, data = Path(folder) / "voropp", Path(folder) / "seeds"
+        source = Path(__file__).with_name("voropp.cc")
+        command = ["g++", "-O3", "-pthread", str(source), "-o", str(program), "-lvoro++"]
+        subprocess.run(command, check=True)  # noqa: S603  (our own code)
+        seeds.tofile(data)
+        for threads in (1, 2):
+            theirs, others, ours = np.full(2, np.inf), np.full(2, np.inf), np.full(2, np.inf)
+            for _ in range(3):
+                done = subprocess.run(  # noqa: S603  (our own code)
+                    [program, data, str(N), str(threads)], capture_output=True, text=True, check=True
+                )
+                volume, *times = (float(word) for word in done.stdout.split())
+                assert abs(volume - 1) < 1e-9
+                theirs = np.minimum(theirs, times)
+                others = np.minimum(others, timed(lambda t=threads: voropp(seeds, t)))
+                ours = np.minimum(ours, timed(on_threads(threads, lambda: full_cells(seeds, domain))))
+            for name, found in (("native Voro++", theirs), ("multivoro", others)):
+                wall, processor = found / ours
+                print(f"{name} over full cells, {threads} threads: {wall:.2f} wall, {processor:.2f} processor", flush=True)
+            print(f"µs of processor a cell: {', '.join(f'{1e6 * x[1] / N:.1f}' for x in (theirs, others, ours))}")
 
 
 def qhull(seeds):
@@ -237,6 +270,7 @@ PARTS = {
     "clusters": clusters,
     "sized": sized,
     "compile": compile_time,
+    "native": native,
 }
 
 
