@@ -40,6 +40,7 @@ def test_prisms_are_sheared_in_their_plane():
     assert 0 < outcome.report.initial_solid_fraction < 1
 
 
+@pytest.mark.slow
 def test_a_box_goes_on_after_an_interrupt_to_the_same_bits(tmp_path):
     check_that_it_goes_on(
         direct_shear, grow(16), tmp_path, samples=24, displacement=0.02, inertial_number=0.05, spheres=True, rng=1

@@ -79,6 +79,7 @@ def test_the_glued_grains_stay_on_their_plates(sheared):
     np.testing.assert_allclose(sheared.snapshot.velocities[:n], 0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_ring_goes_on_after_an_interrupt_to_the_same_bits(tmp_path):
     options = {"strain": 0.05, "inertial_number": 0.1, "spheres": True, "rng": 1}
     whole = check_that_it_goes_on(ring_shear, grow(70), tmp_path, samples=40, **options)

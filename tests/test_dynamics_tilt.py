@@ -31,6 +31,7 @@ def test_a_bed_that_stands_is_given_up_at_the_largest_angle():
     np.testing.assert_allclose(np.arctan2(down[0], -down[2]), outcome.report.largest_angle, atol=0.02)
 
 
+@pytest.mark.slow
 def test_a_tilted_bed_goes_on_after_an_interrupt_to_the_same_bits(tmp_path):
     check_that_it_goes_on(tilt, grow(12), tmp_path, samples=50, rng=1, rate=0.05, max_angle=0.4)
 

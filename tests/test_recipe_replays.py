@@ -39,6 +39,7 @@ def test_motions_become_animations(tmp_path):
             assert picture.n_frames > 3
 
 
+@pytest.mark.slow
 @pytest.mark.client
 @pytest.mark.parametrize(
     ("name", "history", "end"), [("settling", "history", "settled"), ("tap_replay", "tap_history", "tap")]
