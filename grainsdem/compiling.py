@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import logging
+import os
 import platform
 from math import ceil
 from pathlib import Path
@@ -30,6 +31,8 @@ from grainsdem.workers import n_processors, share
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
 
 Step = Literal["cells", "lloyd", "shapes", "contacts", "walls", "proof", "facets"]
 
@@ -91,15 +94,15 @@ def _two_cubes() -> Packing:
     """Return two unit cubes, one turned, a little apart."""
     corners = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
     faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    cubes = Polyhedra(np.tile(corners, (2, 1)), [0, 8, 16], [0, 6, 12], np.ravel(faces * 2), np.arange(0, 49, 4))
+    offsets = (np.array(ends, dtype=np.int64) for ends in ([0, 8, 16], [0, 6, 12], range(0, 49, 4)))
+    of_vertices, of_faces, of_corners = offsets
+    cubes = Polyhedra(np.tile(corners, (2, 1)), of_vertices, of_faces, np.ravel(faces * 2).astype(np.int32), of_corners)
     half = np.sqrt(0.5)
-    return Packing(
-        cubes, [(1.0, 1.0, 1.0), (2.01, 1.0, 1.0)], [(1, 0, 0, 0), (half, half, 0, 0)], np.full(2, 2650.0),
-        Domain((0.0, 0.0, 0.0), (3.0, 3.0, 3.0)),
-    )  # fmt: skip
+    places, turns = np.array([[1.0, 1.0, 1.0], [2.01, 1.0, 1.0]]), np.array([[1.0, 0, 0, 0], [half, half, 0, 0]])
+    return Packing(cubes, places, turns, np.full(2, 2650.0), Domain(np.zeros(3), np.full(3, 3.0)))
 
 
-def _sites() -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+def _sites() -> NDArray[np.float64]:
     return np.random.default_rng(0).random((8, 3))
 
 
@@ -144,8 +147,8 @@ STEPS: dict[Step, Callable[[], None]] = {
 def _mark(step: Step) -> Path:
     """Return the file beside numba's cache whose presence says that a step was compiled."""
     # numba chooses the folder, for all kernels of a folder alike, by what is writable and by NUMBA_CACHE_DIR.
-    folder = Path(integrals._integrate.stats.cache_path)  # noqa: SLF001  (any kernel would do)
-    return folder / f"compiled-{step}-{_stamp()}"
+    folder = integrals._integrate.stats.cache_path  # noqa: SLF001  (any kernel would do)
+    return Path(folder or "") / f"compiled-{step}-{_stamp()}"
 
 
 def _leave(step: Step) -> None:
@@ -161,7 +164,7 @@ def _stamp() -> str:
     sources = sorted(path for room in ("geometry", "tessellation") for path in (package / room).rglob("*.py"))
     parts = [
         platform.python_version(), numba.__version__, llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten(),
-        numba.config.CPU_NAME, numba.config.CPU_FEATURES,
+        os.environ.get("NUMBA_CPU_NAME"), os.environ.get("NUMBA_CPU_FEATURES"),
         *((path.name, path.stat().st_mtime_ns, path.stat().st_size) for path in sources),
     ]  # fmt: skip
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]

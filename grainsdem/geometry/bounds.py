@@ -14,7 +14,7 @@ from numba import njit
 
 from grainsdem.errors import InputError, ShapeError, name_offenders
 from grainsdem.geometry.rotations import to_matrices
-from grainsdem.geometry.threads import INNER, in_blocks
+from grainsdem.geometry.threads import in_blocks, inner
 from grainsdem.ragged import offsets_from_counts, owners
 
 if TYPE_CHECKING:
@@ -288,7 +288,7 @@ def _enter(
             latest[b] = -1
 
 
-@njit(**INNER)
+@inner
 def _find_partners(grid: Grid, within: float, i: int, row: NDArray[np.int32]) -> int:
     """Fill the partners j > i of a box, as many as there is room for; return how many there are."""
     lower, upper, first, last, starts, entries, bits = grid
@@ -324,7 +324,7 @@ def _match(
         counts[i] = _find_partners(grid, within, i, table[i])
 
 
-@njit(**INNER)
+@inner
 def _sort(row: NDArray[np.int32]) -> None:
     """Sort a row, mostly of a few numbers (Shell 1959, with Knuth's steps): numba's own takes long to compile."""
     step = 1

@@ -10,7 +10,7 @@ from numba import njit
 
 from grainsdem.errors import InputError, ShapeError
 from grainsdem.geometry.rotations import to_matrices
-from grainsdem.geometry.threads import INNER, in_blocks
+from grainsdem.geometry.threads import in_blocks, inner
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -53,7 +53,7 @@ def box_planes(lower: ArrayLike, upper: ArrayLike) -> NDArray[np.float64]:
     return np.vstack([np.column_stack([-eye, -corners[0]]), np.column_stack([eye, corners[1]])])
 
 
-@njit(**INNER)
+@inner
 def _gather(i, rotation, mesh):  # type: ignore[no-untyped-def]
     """Return the turned corner points of one polyhedron, face after face, and the start of each face."""
     vertices, vertex_offsets, face_offsets, corners, corner_offsets = mesh
@@ -72,7 +72,7 @@ def _gather(i, rotation, mesh):  # type: ignore[no-untyped-def]
     return points, starts
 
 
-@njit(**INNER)
+@inner
 def _cut(points, starts, plane, slack):  # type: ignore[no-untyped-def]
     """Return the part of a convex polyhedron at n · x <= d, in the same layout, closed by a cap."""
     nx, ny, nz, d = plane
@@ -135,7 +135,7 @@ def _cut(points, starts, plane, slack):  # type: ignore[no-untyped-def]
     return out[:filled], out_starts
 
 
-@njit(**INNER)
+@inner
 def _volume(points, starts):  # type: ignore[no-untyped-def]
     """Return the volume of a closed polyhedron given by the corner points of its faces."""
     volume6 = 0.0

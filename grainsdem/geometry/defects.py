@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from grainsdem.geometry.integrals import face_planes
-from grainsdem.geometry.threads import INNER, in_blocks
+from grainsdem.geometry.threads import in_blocks, inner
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -71,7 +71,7 @@ def find_defects(polyhedra: Polyhedra) -> Defects:
     return result
 
 
-@njit(**INNER)
+@inner
 def _distance(x: NDArray[np.float64], p: int, q: int) -> float:
     """Return how far two vertices are apart."""
     square = 0.0

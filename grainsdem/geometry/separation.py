@@ -21,7 +21,7 @@ from grainsdem.geometry.pairs.patches import (
     take_face,
 )
 from grainsdem.geometry.pairs.penetration import along, search_edges, search_faces
-from grainsdem.geometry.threads import INNER, in_blocks
+from grainsdem.geometry.threads import in_blocks, inner
 from grainsdem.ragged import offsets_from_counts, take_indices
 
 if TYPE_CHECKING:
@@ -255,7 +255,7 @@ def _measure(
                 _keep_patch(row, height, area if min(corners_a, corners_b) >= 3 else 0.0, n, patch, out)
 
 
-@njit(**INNER)
+@inner
 def _keep(row: int, gap: float, n: Floats, corners_a: int, corners_b: int, out: Gaps) -> None:
     """Write down a gap, its normal and what touches what."""
     out.gaps[row] = gap
@@ -265,7 +265,7 @@ def _keep(row: int, gap: float, n: Floats, corners_a: int, corners_b: int, out: 
         out.normals[row, c] = n[c]
 
 
-@njit(**INNER)
+@inner
 def _keep_patch(row: int, height: float, area: float, n: Floats, patch: Patch, out: Gaps) -> None:
     """Write down a shared patch's area, and its centre at a height along the normal."""
     out.areas[row] = area
@@ -273,7 +273,7 @@ def _keep_patch(row: int, height: float, area: float, n: Floats, patch: Patch, o
         out.centres[row, c] = patch.centre[0] * patch.across[c] + patch.centre[1] * patch.up[c] + height * n[c]
 
 
-@njit(**INNER)
+@inner
 def _solve_near(
     solids: Bodies, a: int, b: int, t: Floats, pa: Floats, pb: Floats, apart: float, n: Floats,
     picked: NDArray[np.int64], segments: Floats,
@@ -306,7 +306,7 @@ def _solve_near(
     return best
 
 
-@njit(**INNER)
+@inner
 def _find_deepest(solids: Bodies, a: int, b: int, t: Floats, gap: float, n: Floats, pa: Floats, pb: Floats) -> None:
     """Fill the deepest points of bodies whose shortest way out is along a face normal of one of them."""
     x, normals = solids.vertices, solids.normals

@@ -16,14 +16,18 @@ import numba
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-INNER = {"cache": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-"""Options of a function that only kernels call: what Python would call it through is not compiled."""
-
 LEAST = 1024
 """Light items, a microsecond each, that are worth a thread: starting one takes a tenth of a millisecond."""
 
 BLOCKS = 8
 """Blocks for each thread: where one takes long, the others take what is left."""
+
+
+if TYPE_CHECKING:
+    inner = numba.njit(cache=True)  # numba knows the other options, its types do not
+else:
+    inner = numba.njit(cache=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+"""Compiles a function that only kernels call: what Python would call it through is left out."""
 
 
 def in_blocks(kernel: Callable[..., None], n: int, *arguments: Any, least: int = LEAST) -> None:

@@ -29,9 +29,8 @@ from __future__ import annotations
 from math import sqrt
 
 import numpy as np
-from numba import njit
 
-from grainsdem.geometry.threads import INNER
+from grainsdem.geometry.threads import inner
 
 UNTOUCHED, CUT, EMPTY, FULL, LOST = 0, 1, 2, 3, 5
 """What a cut did: nothing, cut, left nothing, found the work arrays too small, or met rounding too large."""
@@ -44,7 +43,7 @@ HOME = 13
 """Code of the image that is not shifted; (sx + 1) · 9 + (sy + 1) · 3 + sz + 1 in general."""
 
 
-@njit(**INNER)
+@inner
 def start_box(geo, tri, planes, tags, x, y, z, lengths, periodic, seed):  # type: ignore[no-untyped-def]
     """Make the cell of the site at (x, y, z) the box from 0 to ``lengths``; planes -x, +x, -y, +y, -z, +z.
 
@@ -84,7 +83,7 @@ def start_box(geo, tri, planes, tags, x, y, z, lengths, periodic, seed):  # type
             tri[3, t], tri[4, t], tri[5, t] = t ^ 2, t ^ 1, t ^ 4
 
 
-@njit(**INNER)
+@inner
 def _flood(geo, tri, limit, seed):  # type: ignore[no-untyped-def]
     """Mark the triangles beyond ``limit`` that hang together with ``seed``; count them and the edges of their rim."""
     tri[7, 0] = seed
@@ -107,7 +106,7 @@ def _flood(geo, tri, limit, seed):  # type: ignore[no-untyped-def]
     return count, rim
 
 
-@njit(**INNER)
+@inner
 def _grow_disk(geo, tri, tags, limit, seed, count):  # type: ignore[no-untyped-def]
     """Mark again, but only what keeps the marked set a disk; return its size and that of its rim."""
     for at in range(count):
@@ -151,7 +150,7 @@ def _grow_disk(geo, tri, tags, limit, seed, count):  # type: ignore[no-untyped-d
     return count, rim
 
 
-@njit(**INNER)
+@inner
 def _walk_rim(tri, tags, n_planes, count):  # type: ignore[no-untyped-def]
     """List the rim of the marked set in rows 8 (triangle) and 9 (edge); return its length, −1 where it pinches."""
     t = k = -1
@@ -187,7 +186,7 @@ def _walk_rim(tri, tags, n_planes, count):  # type: ignore[no-untyped-def]
             return length
 
 
-@njit(**INNER)
+@inner
 def cut(geo, tri, planes, tags, n_tri, n_planes, rx, ry, rz, half, slack):  # type: ignore[no-untyped-def]
     """Cut the cell by r · x <= half and return what that did, and the new number of triangles.
 
@@ -284,7 +283,7 @@ def cut(geo, tri, planes, tags, n_tri, n_planes, rx, ry, rz, half, slack):  # ty
     return CUT, new_size
 
 
-@njit(**INNER)
+@inner
 def polish(geo, tri, planes, n_tri, most):  # type: ignore[no-untyped-def]
     """Move every vertex to where its three planes meet, if that is well defined and not farther than ``most``.
 

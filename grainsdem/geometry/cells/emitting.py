@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from grainsdem.geometry.cells.cutting import CUT, EMPTY, FULL
 from grainsdem.geometry.cells.merging import has_short_edge, merge
-from grainsdem.geometry.threads import INNER
+from grainsdem.geometry.threads import inner
 
 BROKEN = 4
 """Status of a cell that does not obey V − E + F = 2."""
 
 
-@njit(**INNER)
+@inner
 def emit(geo, tri, tags, n_tri, n_planes, tolerance, vertices, counts, ids, codes, corners):  # type: ignore[no-untyped-def]
     """Write one cell of `cutting` into the buffers; return status and the numbers of vertices, faces and corners."""
     if n_tri > len(vertices) or n_tri // 2 + 2 > len(counts) or 3 * n_tri > len(corners):

@@ -10,7 +10,7 @@ from numba import njit
 from grainsdem.geometry.cells.cutting import CUT, EMPTY, FULL, HOME, LOST, cut, polish, start_box
 from grainsdem.geometry.cells.emitting import BROKEN, emit
 from grainsdem.geometry.integrals import face_planes, integrate
-from grainsdem.geometry.threads import INNER, in_blocks
+from grainsdem.geometry.threads import in_blocks, inner
 from grainsdem.model import Polyhedra
 from grainsdem.ragged import offsets_from_counts
 
@@ -51,7 +51,7 @@ class Insets(NamedTuple):
     is_unsound: NDArray[np.bool_]
 
 
-@njit(**INNER)
+@inner
 def _carve(points, normals, moves, slack, radius, work):  # type: ignore[no-untyped-def]
     """Cut the cell of one polyhedron out of a box; return status and the numbers of triangles and planes."""
     geo, tri, planes, tags = work
@@ -88,7 +88,7 @@ def _carve(points, normals, moves, slack, radius, work):  # type: ignore[no-unty
     return CUT, n_tri, n_planes
 
 
-@njit(**INNER)
+@inner
 def _copy(i, mesh, v, c, batch):  # type: ignore[no-untyped-def]
     """Write a polyhedron that does not move into the buffers; return the numbers of vertices, faces and corners."""
     vertices, vertex_offsets, face_offsets, corners, corner_offsets = mesh

@@ -7,12 +7,11 @@ slivers of faces between them that only rounding made.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
-from grainsdem.geometry.threads import INNER
+from grainsdem.geometry.threads import inner
 
 
-@njit(**INNER)
+@inner
 def has_short_edge(vertices, corners, counts, n_faces, tolerance):  # type: ignore[no-untyped-def]
     """Return whether two neighbouring corners of a face are nearer than ``tolerance``."""
     square = tolerance * tolerance
@@ -31,14 +30,14 @@ def has_short_edge(vertices, corners, counts, n_faces, tolerance):  # type: igno
     return False
 
 
-@njit(**INNER)
+@inner
 def _root(parents, i):  # type: ignore[no-untyped-def]
     while parents[i] != i:
         i = parents[i]
     return i
 
 
-@njit(**INNER)
+@inner
 def _clean_loop(corners, first, count, parents, removed):  # type: ignore[no-untyped-def]
     """Rename the corners of one face, drop repetitions and spikes (a b a), and return how many are left."""
     kept = 0
@@ -77,7 +76,7 @@ def _clean_loop(corners, first, count, parents, removed):  # type: ignore[no-unt
     return kept
 
 
-@njit(**INNER)
+@inner
 def merge(vertices, corners, counts, ids, codes, n_vertices, n_faces, tolerance, scratch):  # type: ignore[no-untyped-def]
     """Merge the vertices of one cell that edges shorter than ``tolerance`` join, in place; return the new counts.
 

@@ -21,7 +21,7 @@ import numpy as np
 from numba import njit
 
 from grainsdem.geometry.integrals import face_planes
-from grainsdem.geometry.threads import INNER, in_blocks
+from grainsdem.geometry.threads import in_blocks, inner
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -67,7 +67,7 @@ def rectangles(points: Floats, offsets: NDArray[np.int64]) -> Floats:
     return edges
 
 
-@njit(**INNER)
+@inner
 def _hull(points, hull):  # type: ignore[no-untyped-def]
     """Sort the points and fill their convex hull, counter-clockwise; return how many corners it has."""
     n = len(points)
@@ -97,7 +97,7 @@ def _turn(a, b, c):  # type: ignore[no-untyped-def]
     return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 
 
-@njit(**INNER)
+@inner
 def _rectangle(points, hull):  # type: ignore[no-untyped-def]
     """Return the edges of the smallest rectangle around points, and their least width: both by a side of the hull."""
     count = _hull(points, hull)

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit
 
-from grainsdem.geometry.threads import INNER, in_blocks
+from grainsdem.geometry.threads import in_blocks, inner
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -67,7 +67,7 @@ def _first_cubes() -> Floats:
     return np.ascontiguousarray(cubes[inside])
 
 
-@njit(**INNER)
+@inner
 def _widths(a, b, c, u, n, low, high):  # type: ignore[no-untyped-def]
     """Fill ``high`` with the widths of points (a, b, c) along the first n directions of u, shape (3, m)."""
     x, y, z, last = u[0], u[1], u[2], a.size - 1
@@ -87,7 +87,7 @@ def _widths(a, b, c, u, n, low, high):  # type: ignore[no-untyped-def]
         high[i] -= low[i]
 
 
-@njit(**INNER)
+@inner
 def _sides(a, b, c, cubes, count, enough, sides, work):  # type: ignore[no-untyped-def]
     """Fill the sides of the squares that Rodrigues' vectors turn; return the least and the most of those <= enough.
 
@@ -118,7 +118,7 @@ def _sides(a, b, c, cubes, count, enough, sides, work):  # type: ignore[no-untyp
     return least, most
 
 
-@njit(**INNER)
+@inner
 def _threshold(sides, count, least, most, room):  # type: ignore[no-untyped-def]
     """Return the side, to a thousandth of the range, that as many as there is room for do not exceed."""
     low, high = least, most
@@ -134,7 +134,7 @@ def _threshold(sides, count, least, most, room):  # type: ignore[no-untyped-def]
     return low
 
 
-@njit(**INNER)
+@inner
 def _smallest(a, b, c, cubes, half, kept):  # type: ignore[no-untyped-def]
     """Return the side of the smallest hole that points (a, b, c) pass, from cubes of half an edge ``half``."""
     room, count = kept[0], len(cubes)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numba import njit
 
-from grainsdem.geometry.threads import INNER
+from grainsdem.geometry.threads import inner
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -59,14 +59,14 @@ def make_grid(domain: Domain, distance: float, n: int) -> Grid:
     return Grid(np.array(domain.lower), lengths, np.array(domain.periodic), float(distance), counts, heads)
 
 
-@njit(**INNER)
+@inner
 def locate(grid: Grid, point: Floats, axis: int) -> Any:
     """Return the cell along one axis that a point lies in."""
     k = int((point[axis] - grid.lower[axis]) / grid.lengths[axis] * grid.counts[axis])
     return min(max(k, 0), grid.counts[axis] - 1)
 
 
-@njit(**INNER)
+@inner
 def find_cell(grid: Grid, point: Floats) -> Any:
     """Return the number of the cell that a point lies in."""
     i, j, k = locate(grid, point, 0), locate(grid, point, 1), locate(grid, point, 2)
@@ -94,7 +94,7 @@ def remove(grid: Grid, links: Integers, points: Floats, k: int) -> None:
     links[before] = links[k]
 
 
-@njit(**INNER)
+@inner
 def search_range(grid: Grid, place: Floats, axis: int) -> Any:
     """Return the first and last cell along one axis that the distance reaches; beyond the ends where the axis wraps."""
     count = grid.counts[axis]
@@ -109,7 +109,7 @@ def search_range(grid: Grid, place: Floats, axis: int) -> Any:
     return max(low, np.int64(0)), min(high, count - 1)
 
 
-@njit(**INNER)
+@inner
 def wrap(k: int, count: int) -> Any:
     """Return the cell that is meant by one up to one count beyond an end."""
     if k < 0:

@@ -12,9 +12,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import njit
 
-from grainsdem.geometry.threads import INNER
+from grainsdem.geometry.threads import inner
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -57,13 +56,13 @@ class Simplex(NamedTuple):
     spare: NDArray[np.float64]
 
 
-@njit(**INNER)
+@inner
 def make_simplex() -> Simplex:
     """Return scratch for `descend`."""
     return Simplex(np.empty((4, 3)), np.empty((4, 2), dtype=np.int64), np.empty(4), np.empty(3), np.empty(4))
 
 
-@njit(**INNER)
+@inner
 def _segment(w: NDArray[np.float64], i: int, j: int, weights: NDArray[np.float64], v: NDArray[np.float64]) -> float:
     """Find the point of a segment nearest to the origin; return its squared distance."""
     dx, dy, dz = w[j, 0] - w[i, 0], w[j, 1] - w[i, 1], w[j, 2] - w[i, 2]
@@ -83,7 +82,7 @@ def _segment(w: NDArray[np.float64], i: int, j: int, weights: NDArray[np.float64
     return float(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
 
 
-@njit(**INNER)
+@inner
 def _triangle(
     w: NDArray[np.float64], i: int, j: int, k: int, weights: NDArray[np.float64], v: NDArray[np.float64]
 ) -> float:
@@ -122,7 +121,7 @@ def _triangle(
     return _segment(w, p, q, weights, v)
 
 
-@njit(**INNER)
+@inner
 def _face(f: int) -> tuple[int, int, int, int]:
     """Return the corners of a tetrahedron's face and the corner opposite."""
     if f == 0:
@@ -134,7 +133,7 @@ def _face(f: int) -> tuple[int, int, int, int]:
     return 1, 2, 3, 0
 
 
-@njit(**INNER)
+@inner
 def _tetrahedron(
     w: NDArray[np.float64], weights: NDArray[np.float64], v: NDArray[np.float64], spare: NDArray[np.float64]
 ) -> float:
@@ -167,7 +166,7 @@ def _tetrahedron(
     return _triangle(w, i, j, k, weights, v)
 
 
-@njit(**INNER)
+@inner
 def _nearest(n: int, simplex: Simplex) -> float:
     """Find the point of the first ``n`` points' hull nearest to the origin; return its squared distance."""
     w, weights, v = simplex.points, simplex.weights, simplex.nearest
@@ -184,7 +183,7 @@ def _nearest(n: int, simplex: Simplex) -> float:
     return _tetrahedron(w, weights, v, simplex.spare)
 
 
-@njit(**INNER)
+@inner
 def _drop_unused(n: int, simplex: Simplex) -> int:
     """Keep the points that carry weight; return their number."""
     kept = 0
@@ -199,7 +198,7 @@ def _drop_unused(n: int, simplex: Simplex) -> int:
     return kept
 
 
-@njit(**INNER)
+@inner
 def descend(
     solids: Bodies, a: int, b: int, offset: NDArray[np.float64], limit: float, simplex: Simplex
 ) -> tuple[int, int, float]:
@@ -263,7 +262,7 @@ def descend(
     return SEPARATED, n, lower
 
 
-@njit(**INNER)
+@inner
 def closest_points(
     solids: Bodies, n: int, offset: NDArray[np.float64], simplex: Simplex, on_a: NDArray[np.float64],
     on_b: NDArray[np.float64],

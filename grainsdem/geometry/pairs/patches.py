@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import njit
 
-from grainsdem.geometry.threads import INNER
+from grainsdem.geometry.threads import inner
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -49,7 +48,7 @@ class Patch(NamedTuple):
     centre: Floats
 
 
-@njit(**INNER)
+@inner
 def make_patch(room: int) -> Patch:
     """Return scratch for polygons of up to ``room`` corners."""
     return Patch(
@@ -64,7 +63,7 @@ def make_patch(room: int) -> Patch:
     )
 
 
-@njit(**INNER)
+@inner
 def take_face(solids: Bodies, a: int, face: int, polygon: NDArray[np.int64]) -> int:
     """Fill the corners of a face of body ``a``; return their number."""
     start = solids.corner_offsets[face]
@@ -74,7 +73,7 @@ def take_face(solids: Bodies, a: int, face: int, polygon: NDArray[np.int64]) -> 
     return int(count)
 
 
-@njit(**INNER)
+@inner
 def find_facing(solids: Bodies, a: int, b: int, t: Floats, n: Floats) -> tuple[int, int]:
     """Fill the normal of the face of ``a`` that looks most towards ``b``; return it and the face of ``b`` facing it.
 
@@ -103,7 +102,7 @@ def find_facing(solids: Bodies, a: int, b: int, t: Floats, n: Floats) -> tuple[i
     return face, other if x * x + y * y + z * z <= 1e-22 else -1
 
 
-@njit(**INNER)
+@inner
 def share_patch(solids: Bodies, count_a: int, count_b: int, t: Floats, n: Floats, patch: Patch) -> tuple[int, float]:
     """Cut one of the two polygons by the other, seen along ``n``; return the corners left and their area."""
     u, w = patch.across, patch.up
@@ -123,7 +122,7 @@ def share_patch(solids: Bodies, count_a: int, count_b: int, t: Floats, n: Floats
     return shared, _area_and_centre(patch.flat_a, shared, patch.centre)
 
 
-@njit(**INNER)
+@inner
 def find_feature(solids: Bodies, a: int, nx: float, ny: float, nz: float, polygon: NDArray[np.int64]) -> int:
     """Fill the corners of what body ``a`` touches with in a direction; return their number."""
     x, edges = solids.vertices, solids.edges
@@ -154,7 +153,7 @@ def find_feature(solids: Bodies, a: int, nx: float, ny: float, nz: float, polygo
     return 2 if longest > 0.0 else 1
 
 
-@njit(**INNER)
+@inner
 def _basis(n: Floats, u: Floats, w: Floats) -> None:
     """Fill two unit vectors such that (u, w, n) is right-handed."""
     if abs(n[0]) <= abs(n[1]) and abs(n[0]) <= abs(n[2]):
@@ -170,7 +169,7 @@ def _basis(n: Floats, u: Floats, w: Floats) -> None:
     w[2] = n[0] * u[1] - n[1] * u[0]
 
 
-@njit(**INNER)
+@inner
 def _project(solids: Bodies, polygon: NDArray[np.int64], count: int, u: Floats, w: Floats, flat: Floats) -> None:
     """Lay a polygon into the plane of (u, w)."""
     x = solids.vertices
@@ -181,7 +180,7 @@ def _project(solids: Bodies, polygon: NDArray[np.int64], count: int, u: Floats, 
         flat[c, 1] = w[0] * px + w[1] * py + w[2] * pz
 
 
-@njit(**INNER)
+@inner
 def _clip(subject: Floats, n_subject: int, window: Floats, n_window: int, turn: float, spare: Floats) -> int:
     """Cut a polygon, segment or point by a convex polygon (Sutherland and Hodgman); return its number of corners.
 
@@ -222,7 +221,7 @@ def _clip(subject: Floats, n_subject: int, window: Floats, n_window: int, turn: 
     return count
 
 
-@njit(**INNER)
+@inner
 def _area_and_centre(polygon: Floats, count: int, centre: Floats) -> float:
     """Return the area of a flat polygon and fill its centroid; its middle where it has no area."""
     if count == 0:
@@ -251,7 +250,7 @@ def _area_and_centre(polygon: Floats, count: int, centre: Floats) -> float:
     return 0.0
 
 
-@njit(**INNER)
+@inner
 def nearest_on_segments(p: Floats, q: Floats, r: Floats, s: Floats, on_first: Floats, on_second: Floats) -> None:
     """Fill the closest points of the segments p–q and r–s."""
     a = e = f = b = c = 0.0

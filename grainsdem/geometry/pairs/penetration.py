@@ -14,9 +14,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
-from grainsdem.geometry.threads import INNER
+from grainsdem.geometry.threads import inner
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -24,7 +23,7 @@ if TYPE_CHECKING:
     from grainsdem.geometry.pairs.bodies import Bodies
 
 
-@njit(**INNER)
+@inner
 def along(solids: Bodies, a: int, b: int, t: NDArray[np.float64], nx: float, ny: float, nz: float) -> float:
     """Return how far body b lies beyond body a along a direction; negative where they overlap along it."""
     x = solids.vertices
@@ -36,14 +35,14 @@ def along(solids: Bodies, a: int, b: int, t: NDArray[np.float64], nx: float, ny:
     return float(low + (nx * t[0] + ny * t[1] + nz * t[2]) - high)
 
 
-@njit(**INNER)
+@inner
 def _room(solids: Bodies, f: int, px: float, py: float, pz: float) -> float:
     """Return how deep a point lies under a face's plane."""
     n = solids.normals
     return float(solids.heights[f] - (n[f, 0] * px + n[f, 1] * py + n[f, 2] * pz))
 
 
-@njit(**INNER)
+@inner
 def _try_face(
     solids: Bodies, a: int, b: int, t: NDArray[np.float64], f: int, sign: float, best: float, n: NDArray[np.float64]
 ) -> float:
@@ -58,7 +57,7 @@ def _try_face(
     return best
 
 
-@njit(**INNER)
+@inner
 def search_faces(
     solids: Bodies, a: int, b: int, t: NDArray[np.float64], pa: NDArray[np.float64], pb: NDArray[np.float64],
     best: float, n: NDArray[np.float64],
@@ -93,7 +92,7 @@ def search_faces(
     return best
 
 
-@njit(**INNER)
+@inner
 def search_edges(
     solids: Bodies, a: int, b: int, t: NDArray[np.float64], pb: NDArray[np.float64], best: float,
     n: NDArray[np.float64], picked: NDArray[np.int64],

@@ -10,7 +10,7 @@ from numba import njit
 from grainsdem.geometry.integrals import face_planes
 from grainsdem.geometry.raster.copies import copies, spread, turned_normals
 from grainsdem.geometry.rotations import to_matrices
-from grainsdem.geometry.threads import INNER, in_blocks
+from grainsdem.geometry.threads import in_blocks, inner
 from grainsdem.ragged import offsets_from_counts
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ def look_down(packing: Packing, corner: Floats, pixel: Floats, counts: tuple[int
     return seen
 
 
-@njit(**INNER)
+@inner
 def _is_hidden(heights, top, r0, r1, c0, c1):  # type: ignore[no-untyped-def]
     """Whether a rectangle of pixels is all as high as ``top`` or higher."""
     for r in range(r0, r1 + 1):
@@ -212,7 +212,7 @@ def sky(heights: Floats, pixel: float, reach: float, *, wraps: tuple[bool, bool]
     return result
 
 
-@njit(**INNER)
+@inner
 def _at(heights, r, c, wraps):  # type: ignore[no-untyped-def]
     """Return the height of a pixel, that may lie beyond the map; minus infinity where the map has an end."""
     n_rows, n_columns = heights.shape

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from grainsdem.geometry.rotations import to_matrices
-from grainsdem.geometry.threads import INNER, in_blocks
+from grainsdem.geometry.threads import in_blocks, inner
 from grainsdem.model.given import grains_of
 from grainsdem.ragged import offsets_from_counts, take_indices
 
@@ -81,7 +81,7 @@ def cut_polygons(packing: Packing, found: Copies, frame: Floats, distance: float
     return Polygons(points[indices[kept]], offsets_from_counts(counts[rows]), ids[rows], found.shifts[near[rows]])
 
 
-@njit(**INNER)
+@inner
 def _sides(mesh, i, centre, matrix, frame, distance, slack):  # type: ignore[no-untyped-def]
     """Return a grain's vertices along u and v about its centre, and above the plane."""
     vertices, vertex_offsets = mesh[0], mesh[1]

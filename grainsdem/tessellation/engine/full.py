@@ -10,7 +10,7 @@ from numba import njit
 from grainsdem.errors import GrainsDEMError, name_offenders
 from grainsdem.geometry.cells.cutting import CUT, EMPTY, FULL, HOME, LOST
 from grainsdem.geometry.cells.emitting import BROKEN, emit
-from grainsdem.geometry.threads import INNER, in_blocks
+from grainsdem.geometry.threads import in_blocks, inner
 from grainsdem.ragged import offsets_from_counts
 from grainsdem.tessellation.engine.growing import gather, grow, leaf_of
 from grainsdem.tessellation.engine.light import CHUNK, SIZE, list_arrays, work_arrays
@@ -126,7 +126,7 @@ def _copy_cells(first, last, rows, seeds, scale, batch, cells):  # type: ignore[
                 shifts[f + k, 2] = code % 3 - 1
 
 
-@njit(**INNER)
+@inner
 def _mixed(key):  # type: ignore[no-untyped-def]
     """Scatter a key over 64 bits (the finaliser of SplitMix64)."""
     key = (key ^ (key >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)

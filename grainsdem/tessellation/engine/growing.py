@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from grainsdem.geometry.cells.cutting import CUT, HOME, UNTOUCHED, cut, polish, start_box
-from grainsdem.geometry.threads import INNER
+from grainsdem.geometry.threads import inner
 
 GROWTH = 1.4
 """Ratio of the radii of successive balls."""
@@ -25,7 +25,7 @@ SURROUNDINGS = 0.85
 """Width of what is gathered around a leaf for all its seeds, relative to the same diagonal."""
 
 
-@njit(**INNER)
+@inner
 def _reaches(geo, n_tri, x, y, z, boxes, node, weight):  # type: ignore[no-untyped-def]
     """Return whether a seed in the box of ``node`` could be nearer to a vertex of the cell than its site is."""
     lx, ly, lz = boxes[node, 0] - x, boxes[node, 1] - y, boxes[node, 2] - z
@@ -41,7 +41,7 @@ def _reaches(geo, n_tri, x, y, z, boxes, node, weight):  # type: ignore[no-untyp
     return hits > 0
 
 
-@njit(**INNER)
+@inner
 def _farthest(geo, n_tri):  # type: ignore[no-untyped-def]
     """Return the largest squared distance of a vertex from the site."""
     result = 0.0
@@ -50,13 +50,13 @@ def _farthest(geo, n_tri):  # type: ignore[no-untyped-def]
     return result
 
 
-@njit(**INNER)
+@inner
 def _shift(k):  # type: ignore[no-untyped-def]
     """Return 0, -1, 1 for k = 0, 1, 2: the seeds of the domain itself come before their images."""
     return 0 if k == 0 else (-1 if k == 1 else 1)
 
 
-@njit(**INNER)
+@inner
 def _spacing(boxes, node):  # type: ignore[no-untyped-def]
     """Return the diagonal of the box of the node above ``node``, or of the first one up that has a size."""
     while node > 1:
@@ -69,13 +69,13 @@ def _spacing(boxes, node):  # type: ignore[no-untyped-def]
     return 1.0
 
 
-@njit(**INNER)
+@inner
 def leaf_of(place, depth, n):  # type: ignore[no-untyped-def]
     """Return the leaf, from 0, that holds a place of the tree."""
     return (((place + 1) << depth) - 1) // n
 
 
-@njit(**INNER)
+@inner
 def gather(leaf, tree, frame, around, named, stack):  # type: ignore[no-untyped-def]
     """List the seeds around a leaf for all its cells; return their number and how far the list is complete.
 
@@ -166,7 +166,7 @@ def _try_leaf(leaf, place, qx, qy, qz, code, inner, outer, far, n_tri, n_planes,
     return CUT, n_tri, n_planes, far
 
 
-@njit(**INNER)
+@inner
 def _try_ball(inner, outer, large, place, far, n_tri, n_planes, tree, frame, banned, work):  # type: ignore[no-untyped-def]
     """Cut the cell by all seeds at inner < |r|² <= outer; ``large``: test large boxes against the vertices too."""
     _, points, weights, boxes, depth = tree
@@ -267,7 +267,7 @@ def _try_listed(inner, outer, count, place, x, y, z, far, n_tri, n_planes, tree,
     return CUT, n_tri, n_planes, far
 
 
-@njit(**INNER)
+@inner
 def grow(place, tree, frame, banned, around, named, count, known, work):  # type: ignore[no-untyped-def]
     """Build the cell of the seed at ``place`` of the tree in the work arrays; return status, triangles and planes.
 
@@ -326,7 +326,7 @@ def grow(place, tree, frame, banned, around, named, count, known, work):  # type
     return CUT, n_tri, n_planes
 
 
-@njit(**INNER)
+@inner
 def _is_banned(banned, key):  # type: ignore[no-untyped-def]
     for other in banned:  # noqa: SIM110  (numba compiles no generators)
         if other == key:

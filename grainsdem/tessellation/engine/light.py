@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from grainsdem.geometry.cells.cutting import CUT, FULL
-from grainsdem.geometry.threads import INNER, in_blocks
+from grainsdem.geometry.threads import in_blocks, inner
 from grainsdem.tessellation.engine.growing import gather, grow, leaf_of
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ class Moments(NamedTuple):
     energies: NDArray[np.float64]
 
 
-@njit(**INNER)
+@inner
 def work_arrays(size):  # type: ignore[no-untyped-def]
     """Return work arrays for a cell of up to ``size`` triangles and planes."""
     return (
@@ -57,13 +57,13 @@ def work_arrays(size):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(**INNER)
+@inner
 def list_arrays():  # type: ignore[no-untyped-def]
     """Return the arrays for the list of seeds around a leaf; the last entry is never counted."""
     return np.empty((5, NEAR + 1)), np.empty((3, NEAR + 1), dtype=np.int64)
 
 
-@njit(**INNER)
+@inner
 def _measure(geo, tri, tags, n_tri, result):  # type: ignore[no-untyped-def]
     """Write volume, first moment and second moment about the site: signed tetrahedra over the faces' fans.
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numba import njit
 
-from grainsdem.geometry.threads import INNER, LEAST, in_blocks
+from grainsdem.geometry.threads import LEAST, in_blocks, inner
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -48,7 +48,7 @@ class Tree(NamedTuple):
     depth: int
 
 
-@njit(**INNER)
+@inner
 def _select(order, points, axis, first, last, middle):  # type: ignore[no-untyped-def]
     """Reorder first … last so that ``middle`` is where sorting would put it (Hoare's selection)."""
     left, right = first, last
@@ -75,7 +75,7 @@ def _select(order, points, axis, first, last, middle):  # type: ignore[no-untype
             return
 
 
-@njit(**INNER)
+@inner
 def _split(points, weights, order, boxes, level, k, depth):  # type: ignore[no-untyped-def]
     """Measure node ``k`` of a level, and part its seeds along its longest axis unless it is a leaf."""
     n = len(points)
