@@ -12,9 +12,9 @@ import os
 import platform
 from math import ceil
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
-import llvmlite.binding as llvm
+import llvmlite.binding as llvm  # type: ignore[import-untyped]
 import numba
 import numpy as np
 
@@ -34,32 +34,31 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-Step = Literal["cells", "lloyd", "shapes", "contacts", "walls", "proof", "facets"]
 
 LOG = logging.getLogger(__name__)
 
-CHAINS: tuple[tuple[Step, ...], ...] = (("contacts", "proof", "walls"), ("cells", "lloyd"), ("shapes", "facets"))
+CHAINS: tuple[tuple[str, ...], ...] = (("contacts", "proof", "walls"), ("cells", "lloyd"), ("shapes", "facets"))
 """What one process compiles, in this order: the steps of a chain share kernels, those of two chains hardly any."""
 
-SECONDS: dict[Step, int] = {
+SECONDS: dict[str, int] = {
     "cells": 6, "lloyd": 2, "shapes": 3, "contacts": 8, "walls": 1, "proof": 2, "facets": 1,
 }  # fmt: skip
 """Processor time [s] that each takes, on the machine of docs/benchmarks.md: what users are told hangs on it alone."""
 
 
-def missing(steps: Sequence[Step]) -> list[Step]:
+def missing(steps: Sequence[str]) -> list[str]:
     """Return the steps whose kernels were not compiled yet for this machine and these sources."""
     return [step for step in steps if not _mark(step).exists()]
 
 
-def seconds(steps: Sequence[Step]) -> int:
+def seconds(steps: Sequence[str]) -> int:
     """Return about how long [s] these steps take."""
     chains = [sum(SECONDS[step] for step in chain) for chain in _chains(steps)]
     # And a second for the processes to start.
     return 1 + max(*chains, ceil(sum(chains) / n_processors()), 0) if chains else 0
 
 
-def compile_kernels(steps: Sequence[Step], progress: Callable[[int, int], None] | None = None) -> None:
+def compile_kernels(steps: Sequence[str], progress: Callable[[int, int], None] | None = None) -> None:
     """Compile the kernels of some steps, unless they are in numba's cache.
 
     Parameters
@@ -79,13 +78,13 @@ def compile_kernels(steps: Sequence[Step], progress: Callable[[int, int], None] 
             progress(done, n)
 
 
-def run_chain(steps: Sequence[Step]) -> None:
+def run_chain(steps: Sequence[str]) -> None:
     """Take some steps on a tiny bed; what numba compiles on the way stays in its cache."""
     for step in steps:
         STEPS[step]()
 
 
-def _chains(steps: Sequence[Step]) -> list[tuple[Step, ...]]:
+def _chains(steps: Sequence[str]) -> list[tuple[str, ...]]:
     chains = [tuple(step for step in chain if step in steps) for chain in CHAINS]
     return [chain for chain in chains if chain]
 
@@ -138,20 +137,20 @@ def _facets() -> None:
     facets(grains, best_apexes(grains))
 
 
-STEPS: dict[Step, Callable[[], None]] = {
+STEPS: dict[str, Callable[[], None]] = {
     "cells": _cells, "lloyd": _lloyd, "shapes": _shapes, "contacts": _contacts, "walls": _walls, "proof": _proof,
     "facets": _facets,
 }  # fmt: skip
 
 
-def _mark(step: Step) -> Path:
+def _mark(step: str) -> Path:
     """Return the file beside numba's cache whose presence says that a step was compiled."""
     # numba chooses the folder, for all kernels of a folder alike, by what is writable and by NUMBA_CACHE_DIR.
     folder = integrals._integrate.stats.cache_path  # noqa: SLF001  (any kernel would do)
     return Path(folder or "") / f"compiled-{step}-{_stamp()}"
 
 
-def _leave(step: Step) -> None:
+def _leave(step: str) -> None:
     try:
         _mark(step).touch()
     except OSError as error:

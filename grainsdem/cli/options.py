@@ -20,7 +20,6 @@ from grainsdem.errors import GrainsDEMError, InputError, RefusedError, Validatio
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from grainsdem.compiling import Step
     from grainsdem.model import ContactGraph, Packing
 
 LOG = logging.getLogger(__name__)
@@ -111,7 +110,7 @@ def telling(*, shown: bool) -> Iterator[None]:
         logger.setLevel(before)
 
 
-def prepare(*steps: Step, quiet: bool) -> None:
+def prepare(*steps: str, quiet: bool) -> None:
     """Compile the kernels that a command needs, and say so; most often they are in numba's cache."""
     from grainsdem import compiling
     from grainsdem.screen import ChainProgress

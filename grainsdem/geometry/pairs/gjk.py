@@ -9,7 +9,7 @@ References
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -154,7 +154,7 @@ def _tetrahedron(
         v[0] = v[1] = v[2] = 0.0
         return 0.0
     best = np.inf
-    chosen = np.int64(0)  # typed, as below
+    chosen: Any = np.int64(0)  # typed, as below
     for f in range(4):
         i, j, k, o = _face(f)
         if weights[o] <= 0.0:
@@ -175,7 +175,9 @@ def _nearest(n: int, simplex: Simplex) -> float:
         v[0], v[1], v[2] = w[0, 0], w[0, 1], w[0, 2]
         return float(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     # Typed: a literal would have numba compile every callee twice.
-    first, second, third = np.int64(0), np.int64(1), np.int64(2)
+    first: Any = np.int64(0)
+    second: Any = np.int64(1)
+    third: Any = np.int64(2)
     if n == 2:
         return _segment(w, first, second, weights, v)
     if n == 3:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -127,7 +127,8 @@ def find_feature(solids: Bodies, a: int, nx: float, ny: float, nz: float, polygo
     """Fill the corners of what body ``a`` touches with in a direction; return their number."""
     x, edges = solids.vertices, solids.edges
     v0, v1 = solids.vertex_ranges[a, 0], solids.vertex_ranges[a, 1]
-    face, widest = np.int64(-1), 0.0  # typed: a literal would have numba compile the callee twice
+    face: Any = np.int64(-1)  # typed: a literal would have numba compile the callee twice
+    widest = 0.0
     for f in range(solids.face_ranges[a, 0], solids.face_ranges[a, 1]):
         c = nx * solids.normals[f, 0] + ny * solids.normals[f, 1] + nz * solids.normals[f, 2]
         # 1 - cos θ = θ²/2; the largest face, as slivers may lie beside the one that carries the contact.

@@ -11,7 +11,7 @@ References
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -72,7 +72,8 @@ def search_faces(
     qx, qy, qz = pa[0] - t[0], pa[1] - t[1], pa[2] - t[2]
     # The shallowest face first: it prunes nearly all others.
     # Typed: a literal would have numba compile the callee twice.
-    first, shallow, sign = np.int64(-1), np.inf, 1.0
+    first: Any = np.int64(-1)
+    shallow, sign = np.inf, 1.0
     for f in range(fa0, fa1):
         room = _room(solids, f, pb[0], pb[1], pb[2])
         if room < shallow:

@@ -7,7 +7,7 @@ largest weight.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -92,11 +92,11 @@ def _split(points, weights, order, boxes, level, k, depth):  # type: ignore[no-u
             boxes[node, 3 + axis] = max(boxes[node, 3 + axis], points[i, axis])
         boxes[node, 6] = max(boxes[node, 6], weights[i])
     if level < depth:
-        axis = np.int64(0)  # typed: a literal would have numba compile the callee twice
+        longest: Any = np.int64(0)  # typed: a literal would have numba compile the callee twice
         for other in range(1, 3):
-            if boxes[node, 3 + other] - boxes[node, other] > boxes[node, 3 + axis] - boxes[node, axis]:
-                axis = other
-        _select(order, points, axis, first, last - 1, ((2 * k + 1) * n) >> (level + 1))
+            if boxes[node, 3 + other] - boxes[node, other] > boxes[node, 3 + longest] - boxes[node, longest]:
+                longest = other
+        _select(order, points, longest, first, last - 1, ((2 * k + 1) * n) >> (level + 1))
 
 
 @njit(cache=True, nogil=True)
