@@ -71,7 +71,7 @@ def every_kernel():
     gd.section(bed, z=0.5)
     square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
     areas_inside(square, np.array([0, 4]), square)
-    gd.photograph(gd.planform(bed, per_diameter=8))
+    gd.photograph(gd.planform(bed, per_diameter=8), bed)
 
 
 def kernels():
