@@ -98,7 +98,9 @@ def native():
                 ours = np.minimum(ours, timed(on_threads(threads, lambda: full_cells(seeds, domain))))
             for name, found in (("native Voro++", theirs), ("multivoro", others)):
                 wall, processor = found / ours
-                print(f"{name} over full cells, {threads} threads: {wall:.2f} wall, {processor:.2f} processor", flush=True)
+                print(
+                    f"{name} over full cells, {threads} threads: {wall:.2f} wall, {processor:.2f} processor", flush=True
+                )
             print(f"µs of processor a cell: {', '.join(f'{1e6 * x[1] / N:.1f}' for x in (theirs, others, ours))}")
 
 
