@@ -86,7 +86,7 @@ def native():
         subprocess.run(command, check=True)  # noqa: S603  (our own code)
         seeds.tofile(data)
         for threads in (1, 2):
-            theirs, others, ours = np.full(2, np.inf), np.full(2, np.inf), np.full(2, np.inf)
+            theirs, others, ours, light = (np.full(2, np.inf) for _ in range(4))
             for _ in range(3):
                 done = subprocess.run(  # noqa: S603  (our own code)
                     [program, data, str(N), str(threads)], capture_output=True, text=True, check=True
@@ -96,12 +96,15 @@ def native():
                 theirs = np.minimum(theirs, times)
                 others = np.minimum(others, timed(lambda t=threads: voropp(seeds, t)))
                 ours = np.minimum(ours, timed(on_threads(threads, lambda: full_cells(seeds, domain))))
-            for name, found in (("native Voro++", theirs), ("multivoro", others)):
+                light = np.minimum(light, timed(on_threads(threads, lambda: light_pass(seeds, domain))))
+            for name, found in (("native Voro++", theirs), ("multivoro", others), ("light pass", light)):
                 wall, processor = found / ours
                 print(
                     f"{name} over full cells, {threads} threads: {wall:.2f} wall, {processor:.2f} processor", flush=True
                 )
-            print(f"µs of processor a cell: {', '.join(f'{1e6 * x[1] / N:.1f}' for x in (theirs, others, ours))}")
+            print(
+                f"µs of processor a cell: {', '.join(f'{1e6 * x[1] / N:.1f}' for x in (theirs, others, light, ours))}"
+            )
 
 
 def qhull(seeds):
