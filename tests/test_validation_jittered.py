@@ -93,7 +93,8 @@ def test_facing_planes_of_jittered_grains_are_as_far_apart_as_the_search_says(ji
     facing = [
         abs(gap / d - known[tuple(pair)])
         for pair, gap, area in zip(searched.pairs.tolist(), searched.gaps, searched.areas, strict=True)
-        if area > 0
+        # Faces whose shadows only meet have a patch of rounding, 1e-32 d², and are farther apart than their planes.
+        if area > 1e-12 * d**2
     ]
     assert len(facing) > 0.6 * len(closed)
     assert max(facing) < 1e-12
