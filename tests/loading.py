@@ -36,8 +36,8 @@ def grow_planar(n):
 def first_at_rest(run, *, seeds=(1, 2, 3)):
     """Return the first of several runs, each given its seed, that came to rest.
 
-    A grain may hang on two points and swing for longer than any run waits. Of 150 beds one had such a grain: all of
-    three have one less often than once in 1e5.
+    A grain may hang on two points and swing for longer than any run waits. Of some 300 beds one had such a grain: three
+    in a row have one less often than once in 1e5.
     """
     for seed in seeds:
         outcome = run(seed)

@@ -265,7 +265,7 @@ def test_the_contacts_of_a_settled_bed_are_those_that_mujoco_lists_at_the_same_s
     ours, theirs = contacts(done.packing, within=1e-3 * d), done.contacts
     gaps = {tuple(pair): gap / d for pair, gap in zip(ours.pairs.tolist(), ours.gaps, strict=True)}
     listed = {tuple(pair): gap / d for pair, gap in zip(theirs.pairs.tolist(), theirs.gaps, strict=True)}
-    assert len(listed) > 40
+    assert len(listed) > 20  # of 6 runs of it: 61 ± 4
     # MuJoCo keeps vertices as float32 and stops its search at 1e-6: nearer than 1e-5 d to zero either may be right.
     assert {pair for pair, gap in gaps.items() if gap < -1e-5} <= set(listed)
     assert {pair for pair, gap in listed.items() if gap < -1e-5} <= set(gaps)
