@@ -21,4 +21,4 @@ FALSE_ALARMS = 2e-5
 
 def margin(spread, *, measured, runs=1, rate=FALSE_ALARMS):
     """Return how far the mean of ``runs`` may lie from that of ``measured`` others, to either side."""
-    return float(t.ppf(1 - rate / 2, measured - 1) * spread * np.sqrt(1 / runs + 1 / measured))
+    return spread * float(t.ppf(1 - rate / 2, measured - 1) * np.sqrt(1 / runs + 1 / measured))

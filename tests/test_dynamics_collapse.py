@@ -48,6 +48,7 @@ def test_beds_run_out_where_their_wall_is_taken_away():
     assert np.mean(farthest) > 1.0
 
 
+@pytest.mark.slow
 def test_a_collapse_goes_on_after_an_interrupt_to_the_same_bits(tmp_path):
     check_that_it_goes_on(collapse, grow(12), tmp_path, samples=36, rng=1, max_time=10.0)
 

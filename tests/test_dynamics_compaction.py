@@ -174,6 +174,7 @@ def test_what_compaction_cannot_do_is_refused(few):
         tap(type(few)(few.grains, few.positions, few.quaternions, few.densities, funnel))
 
 
+@pytest.mark.slow
 @pytest.mark.client
 @pytest.mark.parametrize("function", [compact, tap])
 def test_an_interrupted_compaction_goes_on_to_the_same_bits(tmp_path, function):
@@ -196,6 +197,7 @@ def test_an_interrupted_compaction_goes_on_to_the_same_bits(tmp_path, function):
     assert load_history(path)["kinetic_energy"].size == whole.history["kinetic_energy"].size - 1
 
 
+@pytest.mark.slow
 @pytest.mark.client
 def test_the_command_line_compacts_and_taps(tmp_path):
     bed = save(grow(12), tmp_path / "bed.h5")
@@ -211,6 +213,7 @@ def test_the_command_line_compacts_and_taps(tmp_path):
     assert load_history(tmp_path / "h.h5")["taps"].max() == 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.client
 def test_seeds_of_a_compaction_make_an_ensemble():
     runs = ensemble(

@@ -16,7 +16,7 @@ from grainsdem.storage import load_history
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory, shake):
     """The same two runs, stepped together, and each in a process of its own."""
-    grains, options = grow(12), {"strain": 0.02, "inertial_number": 0.05, "seeds": [4, 7]}
+    grains, options = grow(12), {"strain": 0.01, "inertial_number": 0.1, "seeds": [4, 7]}
     folder = tmp_path_factory.mktemp("ensemble")
     together = ensemble(triaxial, grains, through="batch", history_folder=folder / "runs", **options)
     return together, ensemble(triaxial, grains, through="processes", **options), folder / "runs"

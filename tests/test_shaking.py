@@ -33,6 +33,7 @@ def test_engines_get_shaken_grains_while_the_shake_lasts_and_files_never_do():
     assert scene.mjcf.text(packing, options) == file
 
 
+@pytest.mark.slow
 @pytest.mark.client
 def test_runs_in_processes_of_their_own_are_shaken_as_those_in_this_one():
     grains, options = grow_planar(4), {"seeds": 2, "max_time": 0.2}
