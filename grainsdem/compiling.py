@@ -43,7 +43,7 @@ CHAINS: tuple[tuple[str, ...], ...] = (("contacts", "proof", "walls"), ("cells",
 SECONDS: dict[str, int] = {
     "cells": 6, "lloyd": 2, "shapes": 3, "contacts": 8, "walls": 1, "proof": 2, "facets": 1,
 }  # fmt: skip
-"""Processor time [s] that each takes, about, on two cores of today: an estimate, on which hangs only what users are told."""
+"""Processor time [s] that each takes, about, on two cores of today: an estimate that only the announcement uses."""
 
 
 def missing(steps: Sequence[str]) -> list[str]:
