@@ -39,6 +39,14 @@ def test_measure_writes_tables_of_grains_and_of_neighbours_by_suffix(beds, tmp_p
         assert len(file["table"]) == rows["n_neighbors"].sum()
 
 
+def test_measure_leaves_sieve_diameters_out_of_the_table_where_asked(beds, tmp_path):
+    path = tmp_path / "grains.parquet"
+    assert call("measure", beds / "fresh.h5", "--table", path, "--no-sieves", "--quiet").exit_code == 0
+    names = parquet.read_schema(path).names
+    assert "box_c" in names
+    assert "sieve_diameter" not in names
+
+
 def test_measure_tells_the_distribution_in_json_beside_the_summary(beds, fresh):
     plain = json.loads(call("measure", beds / "fresh.h5", "--json").stdout)
     found = json.loads(call("measure", beds / "fresh.h5", "--distribution", "--json").stdout)

@@ -33,6 +33,17 @@ def test_the_table_of_a_cube_says_what_a_cube_is():
 
 
 @pytest.mark.unit
+@pytest.mark.parametrize("is_planar", [False, True])
+def test_a_table_without_sieves_lacks_that_column_and_no_other(is_planar, fresh):
+    slab = Domain.slab((4.0, 2.0), 0.3)
+    packing = carve(tessellate(np.array([[1.0, 1.0], [3.0, 1.0]]), slab), keep="all") if is_planar else fresh
+    whole, rest = table(packing), table(packing, sieves=False)
+    assert rest.dtype.names == tuple(name for name in whole.dtype.names if name != "sieve_diameter")
+    for name in rest.dtype.names:
+        np.testing.assert_array_equal(rest[name], whole[name])
+
+
+@pytest.mark.unit
 def test_rows_follow_the_grains_and_agree_with_the_single_measures(fresh):
     rows = table(fresh)
     np.testing.assert_array_equal(rows["id"], np.arange(len(fresh)))

@@ -70,6 +70,10 @@ def measure(
     table: Annotated[
         Path | None, typer.Option(help="Also write one row a grain: .csv, .parquet, .h5 or .hdf5.")
     ] = None,
+    sieves: Annotated[
+        bool,
+        typer.Option(help="With each grain's sieve diameter in that table; without, a large bed's takes a tenth."),
+    ] = True,
     neighbors: Annotated[
         Path | None,
         typer.Option(help="Also write who grew beside whom and how far away: .csv, .parquet, .h5 or .hdf5."),
@@ -112,7 +116,7 @@ def measure(
     if neighbors is not None:
         grainsdem.write_table(grainsdem.neighbor_table(packing), neighbors)
     if table is not None:
-        grainsdem.write_table(grainsdem.table(packing), table)
+        grainsdem.write_table(grainsdem.table(packing, sieves=sieves), table)
     if contacts is not None:
         grainsdem.write_edges(graph, contacts, packing=packing)
     if json_:

@@ -35,13 +35,15 @@ UNITS = {
 """Unit of each column of `table` and `neighbor_table` that has one."""
 
 
-def table(packing: Packing) -> NDArray[np.void]:
+def table(packing: Packing, *, sieves: bool = True) -> NDArray[np.void]:
     """Return one row a grain, in the order of the grains.
 
     Parameters
     ----------
     packing : Packing
         Any packing.
+    sieves : bool
+        With the column ``sieve_diameter``: searching a grain's smallest hole takes ten times as long as all else.
 
     Returns
     -------
@@ -75,7 +77,7 @@ def table(packing: Packing) -> NDArray[np.void]:
     columns["n_faces"] = np.diff(packing.grains.face_offsets).astype(np.int32)
     columns["n_vertices"] = np.diff(packing.grains.vertex_offsets).astype(np.int32)
     columns["mass"] = packing.densities * measured.volumes
-    columns |= _axes(packing, measured)
+    columns |= _axes(packing, measured, sieves=sieves)
     if packing.links is not None:
         columns |= _neighborhood(packing, packing.links)
     return _joined(columns)
@@ -163,14 +165,17 @@ def summary(packing: Packing, graph: ContactGraph | None = None) -> dict[str, An
     }
 
 
-def _axes(packing: Packing, measured: Integrals) -> Columns:
+def _axes(packing: Packing, measured: Integrals, *, sieves: bool) -> Columns:
     """Return the columns of axes and what follows from their proportions."""
     if packing.domain.is_planar:
-        return _axes_in_plane(packing, measured)
+        columns = _axes_in_plane(packing, measured)
+        return columns if sieves else {name: column for name, column in columns.items() if name != "sieve_diameter"}
     columns = dict(zip("abc", ellipsoid_axes(packing.grains, measured=measured).T, strict=True))
     box = box_axes(packing.grains)
     a, b, c = box.T
-    columns |= {"box_a": a, "box_b": b, "box_c": c, "sieve_diameter": sieve_diameters(packing)}
+    columns |= {"box_a": a, "box_b": b, "box_c": c}
+    if sieves:
+        columns["sieve_diameter"] = sieve_diameters(packing)
     columns["krumbein"] = krumbein(box)
     return columns | {"elongation": b / a, "flatness": c / b, "zingg": zingg(box)}
 
