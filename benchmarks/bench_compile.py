@@ -50,11 +50,12 @@ class Watch:
 def every_kernel():
     """Call whatever has a kernel of its own, on a tiny bed."""
     import grainsdem as gd
-    from grainsdem import compiling
+    from grainsdem.geometry import ahead
     from grainsdem.geometry.raster.lines import count_pairs, run_lengths
     from grainsdem.geometry.raster.slicing import areas_inside, mean_widths
 
-    compiling.run_chain(list(compiling.STEPS))
+    for step in ahead.STEPS:
+        ahead.take(step)
     domain = gd.Domain.cube()
     for intensity in (None, 40.0):
         gd.points.strauss_process(

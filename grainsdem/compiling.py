@@ -1,103 +1,58 @@
-"""Kernels compiled before they are needed, on all processors.
+"""How each step of `grainsdem.geometry.ahead` is taken: on a tiny bed, or through a function that is compiled alone.
 
-numba compiles a kernel when it is first called and keeps it on disk. One kernel after another, that is what a newcomer
-waits for; so a command first has processes of their own make a tiny bed each, which leaves the kernels in the cache.
+A large kernel calls many others. Some of them are compiled apart, by functions that call them as the kernel does and
+are never run, so that two processes share the work.
 """
 
 from __future__ import annotations
 
-import hashlib
-import logging
-import os
-import platform
-from math import ceil
-from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-import llvmlite.binding as llvm  # type: ignore[import-untyped]
 import numba
 import numpy as np
 
-from grainsdem.geometry import integrals
 from grainsdem.geometry.bounds import near_images
+from grainsdem.geometry.cells.cutting import cut, polish, start_box
+from grainsdem.geometry.cells.emitting import emit
 from grainsdem.geometry.clipping import solid_volume
 from grainsdem.geometry.defects import find_defects
+from grainsdem.geometry.integrals import volumes
+from grainsdem.geometry.pairs.bodies import Bodies, bodies
+from grainsdem.geometry.pairs.gjk import closest_points, descend, make_simplex
+from grainsdem.geometry.pairs.patches import (
+    find_facing,
+    find_feature,
+    make_patch,
+    nearest_on_segments,
+    share_patch,
+    take_face,
+)
+from grainsdem.geometry.pairs.penetration import along, search_edges, search_faces
 from grainsdem.geometry.triangles import best_apexes, facets
 from grainsdem.model import Domain, Packing, Polyhedra
 from grainsdem.packing import contacts
 from grainsdem.tessellation import relax, tessellate
+from grainsdem.tessellation.engine.frame import Frame
+from grainsdem.tessellation.engine.growing import gather, grow
+from grainsdem.tessellation.engine.light import list_arrays, work_arrays
+from grainsdem.tessellation.engine.tree import Tree, build
 from grainsdem.validation import validate
-from grainsdem.workers import n_processors, share
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
 
     from numpy.typing import NDArray
 
 
-LOG = logging.getLogger(__name__)
-
-CHAINS: tuple[tuple[str, ...], ...] = (("contacts", "proof", "walls"), ("cells", "lloyd"), ("shapes", "facets"))
-"""What one process compiles, in this order: the steps of a chain share kernels, those of two chains hardly any."""
-
-SECONDS: dict[str, int] = {
-    "cells": 6, "lloyd": 2, "shapes": 3, "contacts": 8, "walls": 1, "proof": 2, "facets": 1,
-}  # fmt: skip
-"""Processor time [s] that each takes, about, on two cores of today: an estimate that only the announcement uses."""
-
-
-def missing(steps: Sequence[str]) -> list[str]:
-    """Return the steps whose kernels were not compiled yet for this machine and these sources."""
-    return [step for step in steps if not _mark(step).exists()]
-
-
-def seconds(steps: Sequence[str]) -> int:
-    """Return about how long [s] these steps take."""
-    chains = [sum(SECONDS[step] for step in chain) for chain in _chains(steps)]
-    # And a second for the processes to start.
-    return 1 + max(*chains, ceil(sum(chains) / n_processors()), 0) if chains else 0
-
-
-def compile_kernels(steps: Sequence[str], progress: Callable[[int, int], None] | None = None) -> None:
-    """Compile the kernels of some steps, unless they are in numba's cache.
-
-    Parameters
-    ----------
-    steps : sequence of str
-        ``"cells"``, ``"lloyd"``, ``"shapes"``, ``"contacts"``, ``"walls"``, ``"proof"`` and ``"facets"``.
-    progress : callable, optional
-        Called with the number of steps done and of all.
-    """
-    chains = _chains(missing(steps))
-    done, n = 0, sum(map(len, chains))
-    for number, _ in share(run_chain, chains):
-        for step in chains[number]:
-            _leave(step)
-        done += len(chains[number])
-        if progress is not None:
-            progress(done, n)
-
-
-def run_chain(steps: Sequence[str]) -> None:
-    """Take some steps on a tiny bed; what numba compiles on the way stays in its cache."""
-    for step in steps:
-        STEPS[step]()
-
-
-def _chains(steps: Sequence[str]) -> list[tuple[str, ...]]:
-    chains = [tuple(step for step in chain if step in steps) for chain in CHAINS]
-    return [chain for chain in chains if chain]
-
-
 def _two_cubes() -> Packing:
-    """Return two unit cubes, one turned, a little apart."""
+    """Return two unit cubes, one turned, a little apart, whose boxes meet."""
     corners = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
     faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     offsets = (np.array(ends, dtype=np.int64) for ends in ([0, 8, 16], [0, 6, 12], range(0, 49, 4)))
     of_vertices, of_faces, of_corners = offsets
     cubes = Polyhedra(np.tile(corners, (2, 1)), of_vertices, of_faces, np.ravel(faces * 2).astype(np.int32), of_corners)
-    half = np.sqrt(0.5)
-    places, turns = np.array([[1.0, 1.0, 1.0], [2.01, 1.0, 1.0]]), np.array([[1.0, 0, 0, 0], [half, half, 0, 0]])
+    places = np.array([[1.0, 1.0, 1.0], [1.86, 1.86, 1.0]])
+    turns = np.array([[1.0, 0, 0, 0], [np.cos(np.pi / 8), 0, 0, np.sin(np.pi / 8)]])
     return Packing(cubes, places, turns, np.full(2, 2650.0), Domain(np.zeros(3), np.full(3, 3.0)))
 
 
@@ -105,19 +60,58 @@ def _sites() -> NDArray[np.float64]:
     return np.random.default_rng(0).random((8, 3))
 
 
-def _cells() -> None:
-    tessellate(_sites(), Domain.cube())
+def _compile(function: Callable[..., Any], *arguments: Any) -> None:
+    """Compile a function for arguments of the types of these; it is not called."""
+    numba.njit(function).compile(tuple(numba.typeof(argument) for argument in arguments))  # type: ignore[no-untyped-call]
 
 
-def _lloyd() -> None:
-    relax(_sites(), Domain.cube(), iterations=1)
+def _no_bodies() -> Bodies:
+    """Return bodies of the types that kernels get, without a kernel's help."""
+    points, pairs, corners = np.empty((0, 3)), np.empty((0, 2), np.int64), np.empty(0, np.int32)
+    edges, offsets, lengths = np.empty((0, 4), np.int32), np.empty(0, np.int64), np.empty(0)
+    return Bodies(points, pairs, pairs, pairs, corners, offsets, points, lengths, lengths, edges, lengths)
 
 
-def _shapes() -> None:
+def _pair() -> tuple[Any, ...]:
+    """Return what kernels of pairs take: bodies, two ids, a vector, a number."""
+    return _no_bodies(), np.int32(0), np.int32(0), np.empty(3), 0.0
+
+
+def _approaching() -> None:
+    def approach(solids, a, b, t, x):  # type: ignore[no-untyped-def]  # pragma: no cover  (compiled, never called)
+        simplex = make_simplex()
+        _, count, _ = descend(solids, a, b, t, x, simplex)
+        closest_points(solids, count, t, simplex, t, t)
+        along(solids, a, b, t, x, x, x)
+        search_faces(solids, a, b, t, t, t, x, t)
+
+    _compile(approach, *_pair())
+
+
+def _touching() -> None:
+    def touch(solids, a, b, t, x):  # type: ignore[no-untyped-def]  # pragma: no cover
+        face, _ = find_facing(solids, a, b, t, t)
+        patch = make_patch(face)
+        take_face(solids, a, face, patch.polygon_a)
+        count = find_feature(solids, a, x, x, x, patch.polygon_a)
+        share_patch(solids, count, count, t, t, patch)
+
+    _compile(touch, *_pair())
+
+
+def _searching() -> None:
+    def search(solids, a, b, t, x):  # type: ignore[no-untyped-def]  # pragma: no cover
+        search_edges(solids, a, b, t, t, x, t, np.empty(2, dtype=np.int64))
+        nearest_on_segments(t, t, t, t, t, t)
+
+    _compile(search, *_pair())
+
+
+def _near() -> None:
     packing = _two_cubes()
     near_images(packing, 0.1)
-    solid_volume(packing, np.array([[1.0, 0.0, 0.0, 1.0]]))
-    find_defects(packing.grains)
+    bodies(packing)
+    volumes(packing.grains)
 
 
 def _contacts() -> None:
@@ -128,8 +122,60 @@ def _walls() -> None:
     contacts(_two_cubes(), walls=True)
 
 
+def _shapes() -> None:
+    packing = _two_cubes()
+    solid_volume(packing, np.array([[1.0, 0.0, 0.0, 1.0]]))
+    find_defects(packing.grains)
+
+
 def _proof() -> None:
     validate(_two_cubes())
+
+
+def _cell() -> tuple[Any, ...]:
+    """Return what kernels of cells take: a place, a tree, a frame, banned neighbours, a size, a number."""
+    ids, lengths = np.empty(0, np.int64), np.empty(0)
+    tree = Tree(ids, np.empty((0, 3)), lengths, np.empty((0, 7)), 0)
+    return 0, tuple(tree), Frame.of(Domain.cube()).kernel, ids, 0, 0.0
+
+
+def _cutting() -> None:
+    def shorten(place, tree, frame, banned, size, x):  # type: ignore[no-untyped-def]  # pragma: no cover
+        geo, tri, planes, tags, _ = work_arrays(size)
+        cut(geo, tri, planes, tags, size, size, x, x, x, x, x)
+
+    _compile(shorten, *_cell())
+
+
+def _closing() -> None:
+    def close(place, tree, frame, banned, size, x):  # type: ignore[no-untyped-def]  # pragma: no cover
+        geo, tri, planes, tags, stack = work_arrays(size)
+        around, named = list_arrays()
+        gather(size, tree, frame, around, named, stack)
+        start_box(geo, tri, planes, tags, x, x, x, frame[0], frame[1], tree[0][place])
+        polish(geo, tri, planes, size, x)
+        small, tiny = np.empty(size, dtype=np.int32), np.empty(size, dtype=np.int8)
+        emit(geo, tri, tags, size, size, x, tree[1], small, small, tiny, small)
+
+    sites = _sites()
+    build(sites, np.zeros(len(sites)))
+    _compile(close, *_cell())
+
+
+def _growing() -> None:
+    def enlarge(place, tree, frame, banned, size, x):  # type: ignore[no-untyped-def]  # pragma: no cover
+        around, named = list_arrays()
+        grow(place, tree, frame, banned, around, named, size, x, work_arrays(size))
+
+    _compile(enlarge, *_cell())
+
+
+def _cells() -> None:
+    tessellate(_sites(), Domain.cube())
+
+
+def _lloyd() -> None:
+    relax(_sites(), Domain.cube(), iterations=1)
 
 
 def _facets() -> None:
@@ -137,33 +183,9 @@ def _facets() -> None:
     facets(grains, best_apexes(grains))
 
 
-STEPS: dict[str, Callable[[], None]] = {
-    "cells": _cells, "lloyd": _lloyd, "shapes": _shapes, "contacts": _contacts, "walls": _walls, "proof": _proof,
-    "facets": _facets,
+TAKEN: dict[str, Callable[[], None]] = {
+    "cutting": _cutting, "near": _near, "closing": _closing, "growing": _growing, "approaching": _approaching,
+    "touching": _touching, "searching": _searching, "cells": _cells, "contacts": _contacts, "shapes": _shapes,
+    "lloyd": _lloyd, "proof": _proof, "walls": _walls, "facets": _facets,
 }  # fmt: skip
-
-
-def _mark(step: str) -> Path:
-    """Return the file beside numba's cache whose presence says that a step was compiled."""
-    # numba chooses the folder, for all kernels of a folder alike, by what is writable and by NUMBA_CACHE_DIR.
-    folder = integrals._integrate.stats.cache_path  # noqa: SLF001  (any kernel would do)
-    return Path(folder or "") / f"compiled-{step}-{_stamp()}"
-
-
-def _leave(step: str) -> None:
-    try:
-        _mark(step).touch()
-    except OSError as error:
-        LOG.debug("not noted that %s was compiled: %s", step, error)
-
-
-def _stamp() -> str:
-    """Return a digest of all that numba compiles a kernel anew for: versions, processor, sources."""
-    package = Path(__file__).parent
-    sources = sorted(path for room in ("geometry", "tessellation") for path in (package / room).rglob("*.py"))
-    parts = [
-        platform.python_version(), numba.__version__, llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten(),
-        os.environ.get("NUMBA_CPU_NAME"), os.environ.get("NUMBA_CPU_FEATURES"),
-        *((path.name, path.stat().st_mtime_ns, path.stat().st_size) for path in sources),
-    ]  # fmt: skip
-    return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
+"""What each step does."""

@@ -12,7 +12,7 @@ import subprocess
 import sys
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from threading import Thread
+from threading import Event, Thread
 from typing import TYPE_CHECKING, Any, BinaryIO, cast
 
 from grainsdem.errors import GrainsDEMError
@@ -26,8 +26,17 @@ def n_processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+def can_start() -> bool:
+    """Return whether this program is an interpreter that can be started again, and not one that was built in."""
+    return Path(sys.executable or "").stem.startswith(("python", "pypy"))
+
+
 def share(
-    function: Callable[[Any], Any], jobs: Sequence[Any], *, workers: int | None = None
+    function: Callable[[Any], Any],
+    jobs: Sequence[Any],
+    *,
+    workers: int | None = None,
+    after: Sequence[Sequence[int]] | None = None,
 ) -> Iterator[tuple[int, Any]]:
     """Yield each job's number and its result, in the order in which they are done.
 
@@ -39,6 +48,8 @@ def share(
         Arguments; they and the results are pickled.
     workers : int, optional
         Number of processes, one thread each; by default one for each processor. With 1, this process does the work.
+    after : sequence of sequence of int, optional
+        For each job, the earlier ones that must be done before it begins.
 
     Raises
     ------
@@ -53,17 +64,23 @@ def share(
     waiting: SimpleQueue[int] = SimpleQueue()
     for number in range(len(jobs)):
         waiting.put(number)
+    done = [Event() for _ in jobs]
+    needed = after or [()] * len(jobs)
+    told = [(job, [done[other] for other in others]) for job, others in zip(jobs, needed, strict=True)]
     answers: SimpleQueue[tuple[int, Any, BaseException | None]] = SimpleQueue()
     processes = [_start() for _ in range(workers)]
     try:
         for process in processes:
-            Thread(target=_feed, args=(process, function, jobs, waiting, answers), daemon=True).start()
+            Thread(target=_feed, args=(process, function, told, waiting, answers), daemon=True).start()
         for _ in jobs:
             number, result, error = answers.get()
             if error is not None:
                 raise error
+            done[number].set()
             yield number, result
     finally:
+        for event in done:
+            event.set()  # no thread waits for what will not come
         for process in processes:
             process.kill()
             process.communicate()
@@ -88,17 +105,20 @@ def _start() -> subprocess.Popen[bytes]:
 def _feed(
     process: subprocess.Popen[bytes],
     function: Callable[[Any], Any],
-    jobs: Sequence[Any],
+    jobs: Sequence[tuple[Any, list[Event]]],
     waiting: SimpleQueue[int],
     answers: SimpleQueue[tuple[int, Any, BaseException | None]],
 ) -> None:
-    """Send one process a job after another, and pass its answers on."""
+    """Send one process a job after another, each once what it needs is done, and pass its answers on."""
     source, sink = cast("tuple[BinaryIO, BinaryIO]", (process.stdout, process.stdin))
     number = -1
     try:
         while True:
             number = waiting.get_nowait()
-            pickle.dump((function.__module__, function.__qualname__, jobs[number]), sink)
+            job, needs = jobs[number]
+            for event in needs:
+                event.wait()
+            pickle.dump((function.__module__, function.__qualname__, job), sink)
             sink.flush()
             answers.put((number, *pickle.load(source)))  # noqa: S301  (from the child started above)
     except Empty:

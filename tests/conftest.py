@@ -15,6 +15,7 @@ from filelock import FileLock
 from hypothesis import HealthCheck, settings
 from shaking import MOVING, shaking
 
+from grainsdem.geometry.ahead import STEPS, compiled
 from grainsdem.model import Domain, Packing, Polyhedra
 from grainsdem.packing import carve, shrink, shuffle
 from grainsdem.points import poisson
@@ -41,6 +42,12 @@ def pytest_cmdline_main(config):
     if is_whole and is_free and option.numprocesses is None and not option.usepdb:
         workers = config.hook.pytest_xdist_auto_num_workers(config=config)
         option.numprocesses, option.dist = min(workers, MOST_WORKERS), "loadfile"
+
+
+def pytest_sessionstart(session):
+    """Compile all kernels at once before processes share the suite out: each of them would compile its own."""
+    if not hasattr(session.config, "workerinput") and session.config.getoption("numprocesses", None):
+        compiled(*STEPS)
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -2,11 +2,13 @@ from __future__ import annotations
 
 import os
 import re
+import sys
+import time
 
 import pytest
 
 from grainsdem.errors import GrainsDEMError
-from grainsdem.workers import n_processors, share
+from grainsdem.workers import can_start, n_processors, share
 
 pytestmark = pytest.mark.unit
 
@@ -43,3 +45,24 @@ def test_what_a_job_prints_does_not_mix_with_the_answers(capfd):
 
 def test_there_is_a_processor():
     assert n_processors() >= 1
+
+
+def test_a_job_waits_for_those_that_it_comes_after():
+    # A process that slept would answer last; what waits for it answers later still.
+    order = [number for number, _ in share(time.sleep, [0.5, 0, 0, 0], workers=3, after=[(), (0,), (), (1, 2)])]
+    assert order.index(0) < order.index(1) < order.index(3)
+    assert order[0] == 2
+
+
+def test_a_job_whose_forerunner_fails_is_not_waited_for():
+    with pytest.raises(re.error, match="unterminated"):
+        list(share(re.compile, ["(", "a", "b"], workers=2, after=[(), (0,), (0,)]))
+
+
+@pytest.mark.parametrize(
+    ("program", "can"),
+    [("/usr/bin/python3.11", True), ("C:/Python/python.exe", True), ("/opt/blender/blender", False), ("", False)],
+)
+def test_only_an_interpreter_can_be_started_again(monkeypatch, program, can):
+    monkeypatch.setattr(sys, "executable", program)
+    assert can_start() is can

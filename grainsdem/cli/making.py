@@ -43,12 +43,12 @@ def run(
 
 
 def _run(recipe: Path, folder: Path, *, json_: bool, quiet: bool) -> None:
-    from grainsdem import compiling
     from grainsdem import recipe as recipes
+    from grainsdem.geometry import ahead
     from grainsdem.screen import ChainProgress, print_result
 
     wanted, refusal = recipes.read(recipe), None
-    prepare(*compiling.STEPS, quiet=quiet)
+    prepare(*ahead.STEPS, quiet=quiet)
     with ChainProgress(err, shown=not (quiet or json_)) as progress:
         try:
             result = recipes.run(wanted, folder, progress)

@@ -112,18 +112,18 @@ def telling(*, shown: bool) -> Iterator[None]:
 
 def prepare(*steps: str, quiet: bool) -> None:
     """Compile the kernels that a command needs, and say so; most often they are in numba's cache."""
-    from grainsdem import compiling
+    from grainsdem.geometry import ahead
     from grainsdem.screen import ChainProgress
 
-    lacking = compiling.missing(steps)
+    lacking = ahead.missing(*steps)
     if not lacking:
         return
     if not quiet:
-        spent = compiling.seconds(lacking)
+        spent = ahead.seconds(lacking)
         err.print(f"compiling kernels, the first time on this machine: about {spent} s", highlight=False)
     try:
         with ChainProgress(err, shown=not quiet) as progress, progress.stage("Compiling") as tell:
-            compiling.compile_kernels(lacking, lambda done, n: tell(done / n, ""))
+            ahead.compile_kernels(lacking, lambda done, n: tell(done / n, ""))
     except Exception as error:  # noqa: BLE001  (nothing is lost: numba compiles each kernel where it is called)
         LOG.debug("kernels were not compiled in advance: %s", error)
 

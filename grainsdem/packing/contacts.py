@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.errors import InputError
+from grainsdem.geometry.ahead import compiled
 from grainsdem.geometry.bounds import near_images
 from grainsdem.geometry.integrals import face_planes, volumes
 from grainsdem.geometry.pairs.walls import measure_wall_gaps
@@ -50,6 +51,7 @@ def contacts(packing: Packing, *, within: float | None = None, walls: bool = Fal
     InputError
         If ``within`` is negative or not finite.
     """
+    compiled("walls" if walls else "contacts")
     if within is None:
         within = NEAR * mean_diameter(packing)
     if not (np.isfinite(within) and within >= 0):

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 
 from grainsdem.errors import InputError
+from grainsdem.geometry.ahead import compiled
 from grainsdem.geometry.bounds import near_images
 from grainsdem.geometry.integrals import integrate
 from grainsdem.geometry.pairs.walls import measure_wall_gaps
@@ -124,6 +125,7 @@ def heal(
         raise InputError(f"each must be 'grain' or 'uniform'; got {each!r}")
     if by not in ("scale", "inset"):
         raise InputError(f"by must be 'scale' or 'inset'; got {by!r}")
+    compiled("walls")
     solids = bodies(packing)
     tight = _find(packing, solids, gap)
     if by == "scale":

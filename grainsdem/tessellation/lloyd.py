@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from grainsdem.errors import InputError
+from grainsdem.geometry.ahead import compiled
 from grainsdem.points.check import check_seeds
 from grainsdem.tessellation.density import sampler, weighted_centroids
 from grainsdem.tessellation.engine.frame import Frame
@@ -136,6 +137,7 @@ def relaxation(
     frame = Frame.of(domain)
     weights = np.zeros(len(sites))
     energies, moves = [], []
+    compiled("lloyd" if sample is None else "cells")
     for iteration in range(iterations):
         if sample is None:
             _, steps, energy = moments(build(frame.inward(sites), weights), frame)

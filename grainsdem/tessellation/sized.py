@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 
 from grainsdem.errors import ConvergenceError, InputError, ShapeError, name_offenders
+from grainsdem.geometry.ahead import compiled
 from grainsdem.geometry.integrals import face_planes, integrate
 from grainsdem.model import Domain, Polyhedra, Tessellation
 from grainsdem.points.check import check_seeds
@@ -134,6 +135,7 @@ def sized_cells(
         raise ShapeError(f"there must be one seed for each of the {len(targets)} diameters; got {len(sites)}")
     weights = np.zeros(len(sites))
     steps = 0
+    compiled("cells", "lloyd")
     for _ in range(relaxations):
         weights, state, steps = _solve(domain, sites, weights, targets, max(ROUGH, tolerance), steps, progress)
         sites = check_seeds(inside(sites + state.centroids, domain), domain)

@@ -7,19 +7,18 @@ References
 
 from __future__ import annotations
 
-import logging
-import time
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from grainsdem.errors import GrainsDEMError, InputError, ShapeError, name_offenders
+from grainsdem.geometry.ahead import compiled
 from grainsdem.geometry.integrals import volumes
 from grainsdem.model import Polyhedra, Tessellation
 from grainsdem.points.check import check_seeds
 from grainsdem.ragged import owners
 from grainsdem.tessellation.engine.frame import Frame
-from grainsdem.tessellation.engine.full import compilations, full_cells
+from grainsdem.tessellation.engine.full import full_cells
 from grainsdem.tessellation.engine.tree import build
 
 if TYPE_CHECKING:
@@ -27,8 +26,6 @@ if TYPE_CHECKING:
 
     from grainsdem.model import Domain
 
-
-LOG = logging.getLogger(__name__)
 
 VOLUME_TOLERANCE = 1e-11
 """What the sum of the volumes may be off, relative to the domain: some 1e-15 for all but nearly coincident seeds."""
@@ -78,13 +75,8 @@ def tessellate(seeds: ArrayLike, domain: Domain, *, weights: ArrayLike | None = 
     frame = Frame.of(domain)
     # Only differences matter, and the largest difference from the mean is rounded least.
     relative = (given - given.mean()) / frame.scale**2
-    start = time.perf_counter()
-    missed = compilations()
+    compiled("cells")
     cells = full_cells(build(frame.inward(sites), relative), frame)
-    if compilations() > missed:
-        LOG.info(
-            "compiled the tessellation in %.1f s; later runs load it from numba's cache", time.perf_counter() - start
-        )
     polyhedra = Polyhedra(cells.vertices, cells.vertex_offsets, cells.face_offsets, cells.corners, cells.corner_offsets)
     result = Tessellation(domain, sites, given, polyhedra, cells.neighbors, cells.shifts)
     _check_volume(result)

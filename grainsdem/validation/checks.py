@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from grainsdem.errors import InputError
+from grainsdem.geometry.ahead import compiled
 from grainsdem.geometry.bounds import boxes
 from grainsdem.geometry.defects import find_defects
 from grainsdem.geometry.integrals import volumes
@@ -80,6 +81,7 @@ def validate(
     for name, value in (("overlap", overlap), ("depth", depth), ("shape", shape)):
         if not value >= 0:
             raise InputError(f"{name} must be zero or more; got {value}")
+    compiled("proof")
     is_finite, checks = _check_numbers(packing)
     sizes = np.full(len(packing), np.nan)
     sound = is_finite.copy()

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit
 
-from grainsdem.geometry.inhibition.grid import count_near, insert, remove
+from grainsdem.geometry.inhibition.grid import NOBODY, count_near, insert, remove
 
 if TYPE_CHECKING:
     from grainsdem.geometry.inhibition.grid import Floats, Grid, Integers
 
-ALL = np.iinfo(np.int64).max
+ALL = np.int64(np.iinfo(np.int64).max)
 """No limit to the count of near points."""
 
 
@@ -90,7 +90,7 @@ def bear_and_bury(
     """
     for row in range(len(candidates)):
         if kinds[row] < 0.5:
-            near = count_near(grid, links, points, candidates[row], -1, ALL)
+            near = count_near(grid, links, points, candidates[row], NOBODY, ALL)
             if chances[row] * (n + 1) < activity * c**near:
                 points[n] = candidates[row]
                 insert(grid, links, points, n)

@@ -21,6 +21,15 @@ LEAST_WRAPPED = 4
 """Cells along an axis that wraps: with fewer, what the distance reaches could be one cell twice, before and behind."""
 
 
+X: Any = np.int64(0)
+Y: Any = np.int64(1)
+Z: Any = np.int64(2)
+"""Axes; typed, as for a literal numba would compile a callee once more."""
+
+NOBODY: Any = np.int64(-1)
+"""A number that no point has."""
+
+
 class Grid(NamedTuple):
     """The cells of a box, and the first point in each.
 
@@ -69,7 +78,7 @@ def locate(grid: Grid, point: Floats, axis: int) -> Any:
 @inner
 def find_cell(grid: Grid, point: Floats) -> Any:
     """Return the number of the cell that a point lies in."""
-    i, j, k = locate(grid, point, 0), locate(grid, point, 1), locate(grid, point, 2)
+    i, j, k = locate(grid, point, X), locate(grid, point, Y), locate(grid, point, Z)
     return (i * grid.counts[1] + j) * grid.counts[2] + k
 
 
@@ -128,9 +137,9 @@ def count_near(grid: Grid, links: Integers, points: Floats, place: Floats, itsel
     found = np.int64(0)
     square = grid.distance * grid.distance
     nx, ny, nz = grid.counts[0], grid.counts[1], grid.counts[2]
-    low_x, high_x = search_range(grid, place, 0)
-    low_y, high_y = search_range(grid, place, 1)
-    low_z, high_z = search_range(grid, place, 2)
+    low_x, high_x = search_range(grid, place, X)
+    low_y, high_y = search_range(grid, place, Y)
+    low_z, high_z = search_range(grid, place, Z)
     for a in range(low_x, high_x + 1):
         for b in range(low_y, high_y + 1):
             for c in range(low_z, high_z + 1):

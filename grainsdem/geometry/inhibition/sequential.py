@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from numba import njit
 
-from grainsdem.geometry.inhibition.grid import count_near, insert
+from grainsdem.geometry.inhibition.grid import NOBODY, count_near, insert
 
 if TYPE_CHECKING:
     from grainsdem.geometry.inhibition.grid import Floats, Grid, Integers
@@ -43,7 +43,7 @@ def admit(
     for row in range(len(candidates)):
         if n == len(points) or refused >= patience:
             break
-        if count_near(grid, links, points, candidates[row], -1, most[row]) > most[row]:
+        if count_near(grid, links, points, candidates[row], NOBODY, most[row]) > most[row]:
             refused += 1
             continue
         points[n] = candidates[row]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numba import njit
@@ -83,7 +83,7 @@ def _touch(solids: Bodies, grains: NDArray[np.int64], heights: Floats, n: Floats
     patch = make_patch(room)
     x, nowhere = solids.vertices, np.zeros(3)
     for row in range(grains.size):
-        a = grains[row]
+        a: Any = np.int32(grains[row])  # as ids of pairs are: for another type the callees would be compiled again
         low, lowest = np.inf, -1
         for k in range(solids.vertex_ranges[a, 0], solids.vertex_ranges[a, 1]):
             s = n[0] * x[k, 0] + n[1] * x[k, 1] + n[2] * x[k, 2]

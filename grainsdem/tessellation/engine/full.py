@@ -172,11 +172,6 @@ def _one_sided(first, last, face_offsets, neighbors, shifts, result):  # type: i
             result[f] = not found
 
 
-def compilations() -> int:
-    """Return how often the kernel of the full pass was compiled in this process, and not loaded from the cache."""
-    return sum(_grow_cells.stats.cache_misses.values())
-
-
 def _pass(
     tree: Tree,
     frame: Frame,
