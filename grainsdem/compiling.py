@@ -16,23 +16,23 @@ from grainsdem.geometry.cells.cutting import cut, polish, start_box
 from grainsdem.geometry.cells.emitting import emit
 from grainsdem.geometry.clipping import solid_volume
 from grainsdem.geometry.defects import find_defects
-from grainsdem.geometry.integrals import volumes
+from grainsdem.geometry.integrals import face_planes, volumes
 from grainsdem.geometry.pairs.bodies import Bodies, bodies
 from grainsdem.geometry.pairs.gjk import closest_points, descend, make_simplex
 from grainsdem.geometry.pairs.patches import (
     find_facing,
     find_feature,
     make_patch,
-    nearest_on_segments,
     share_patch,
     take_face,
 )
-from grainsdem.geometry.pairs.penetration import along, search_edges, search_faces
+from grainsdem.geometry.pairs.penetration import along, search_faces, solve_near
 from grainsdem.geometry.triangles import best_apexes, facets
 from grainsdem.model import Domain, Packing, Polyhedra
 from grainsdem.packing import contacts
 from grainsdem.tessellation import relax, tessellate
 from grainsdem.tessellation.engine.frame import Frame
+from grainsdem.tessellation.engine.full import copy_none
 from grainsdem.tessellation.engine.growing import gather, grow
 from grainsdem.tessellation.engine.light import list_arrays, work_arrays
 from grainsdem.tessellation.engine.tree import Tree, build
@@ -101,17 +101,21 @@ def _touching() -> None:
 
 def _searching() -> None:
     def search(solids, a, b, t, x):  # type: ignore[no-untyped-def]  # pragma: no cover
-        search_edges(solids, a, b, t, t, x, t, np.empty(2, dtype=np.int64))
-        nearest_on_segments(t, t, t, t, t, t)
+        solve_near(solids, a, b, t, t, t, x, t, np.empty(2, dtype=np.int64), np.empty((4, 3)))
 
     _compile(search, *_pair())
+
+
+def _volumes() -> None:
+    grains = _two_cubes().grains
+    volumes(grains)
+    face_planes(grains)
 
 
 def _near() -> None:
     packing = _two_cubes()
     near_images(packing, 0.1)
     bodies(packing)
-    volumes(packing.grains)
 
 
 def _contacts() -> None:
@@ -147,13 +151,20 @@ def _cutting() -> None:
     _compile(shorten, *_cell())
 
 
-def _closing() -> None:
-    def close(place, tree, frame, banned, size, x):  # type: ignore[no-untyped-def]  # pragma: no cover
-        geo, tri, planes, tags, stack = work_arrays(size)
-        around, named = list_arrays()
-        gather(size, tree, frame, around, named, stack)
+def _starting() -> None:
+    def start(place, tree, frame, banned, size, x):  # type: ignore[no-untyped-def]  # pragma: no cover
+        geo, tri, planes, tags, _ = work_arrays(size)
         start_box(geo, tri, planes, tags, x, x, x, frame[0], frame[1], tree[0][place])
         polish(geo, tri, planes, size, x)
+
+    _compile(start, *_cell())
+
+
+def _emitting() -> None:
+    def close(place, tree, frame, banned, size, x):  # type: ignore[no-untyped-def]  # pragma: no cover
+        geo, tri, _, tags, stack = work_arrays(size)
+        around, named = list_arrays()
+        gather(size, tree, frame, around, named, stack)
         small, tiny = np.empty(size, dtype=np.int32), np.empty(size, dtype=np.int8)
         emit(geo, tri, tags, size, size, x, tree[1], small, small, tiny, small)
 
@@ -170,6 +181,10 @@ def _growing() -> None:
     _compile(enlarge, *_cell())
 
 
+def _copying() -> None:
+    copy_none()
+
+
 def _cells() -> None:
     tessellate(_sites(), Domain.cube())
 
@@ -184,8 +199,9 @@ def _facets() -> None:
 
 
 TAKEN: dict[str, Callable[[], None]] = {
-    "cutting": _cutting, "near": _near, "closing": _closing, "growing": _growing, "approaching": _approaching,
-    "touching": _touching, "searching": _searching, "cells": _cells, "contacts": _contacts, "shapes": _shapes,
-    "lloyd": _lloyd, "proof": _proof, "walls": _walls, "facets": _facets,
+    "cutting": _cutting, "starting": _starting, "emitting": _emitting, "growing": _growing, "volumes": _volumes,
+    "copying": _copying, "cells": _cells, "near": _near, "approaching": _approaching, "touching": _touching,
+    "searching": _searching, "contacts": _contacts, "shapes": _shapes, "lloyd": _lloyd, "proof": _proof,
+    "walls": _walls, "facets": _facets,
 }  # fmt: skip
 """What each step does."""

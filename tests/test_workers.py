@@ -60,9 +60,9 @@ def test_a_job_whose_forerunner_fails_is_not_waited_for():
 
 
 @pytest.mark.parametrize(
-    ("program", "can"),
+    ("executable", "can"),
     [("/usr/bin/python3.11", True), ("C:/Python/python.exe", True), ("/opt/blender/blender", False), ("", False)],
 )
-def test_only_an_interpreter_can_be_started_again(monkeypatch, program, can):
-    monkeypatch.setattr(sys, "executable", program)
+def test_only_an_interpreter_can_be_started_again(monkeypatch, executable, can):
+    monkeypatch.setattr(sys, "executable", executable)
     assert can_start() is can

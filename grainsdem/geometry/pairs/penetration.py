@@ -15,12 +15,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from grainsdem.geometry.pairs.patches import nearest_on_segments
 from grainsdem.geometry.threads import inner
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from grainsdem.geometry.pairs.bodies import Bodies
+
+
+PROVEN = 2e-15
+"""How near, relative to two grains, a bound must come to their distance to prove it: some twenty roundings."""
 
 
 @inner
@@ -141,3 +146,67 @@ def search_edges(
                 n[0], n[1], n[2] = nx, ny, nz
                 picked[0], picked[1] = e, g
     return best
+
+
+@inner
+def solve_near(
+    solids: Bodies, a: int, b: int, t: NDArray[np.float64], pa: NDArray[np.float64], pb: NDArray[np.float64],
+    apart: float, n: NDArray[np.float64], picked: NDArray[np.int64], segments: NDArray[np.float64],
+) -> float:  # fmt: skip
+    """Return the signed gap of bodies that touch, overlap or nearly do; fill its normal and the deepest points."""
+    size = solids.radii[a] + solids.radii[b]
+    norm = np.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
+    best = -np.inf
+    picked[0] = picked[1] = -1
+    if norm > 0.0:
+        n[0], n[1], n[2] = n[0] / norm, n[1] / norm, n[2] / norm
+        best = along(solids, a, b, t, n[0], n[1], n[2])
+    if best < apart - PROVEN * size:
+        # The head start lets a direction that is no better than rounding lose to the face normal that it is near.
+        head = best - 1e-13 * size
+        found = search_faces(solids, a, b, t, pa, pb, head, n)
+        best = found if found > head else best
+    if best < -1e-13 * size or best < apart - PROVEN * size:
+        # Apart too: rounding spoils a direction between points that nearly meet, and none that is square to two edges.
+        best = search_edges(solids, a, b, t, pb, best, n, picked)
+    if picked[0] >= 0:
+        x, va, vb = solids.vertices, solids.vertex_ranges[a, 0], solids.vertex_ranges[b, 0]
+        for c in range(3):
+            for end in range(2):
+                segments[end, c] = x[va + solids.edges[picked[0], end], c]
+                segments[2 + end, c] = x[vb + solids.edges[picked[1], end], c] + t[c]
+        nearest_on_segments(segments[0], segments[1], segments[2], segments[3], pa, pb)
+    elif best < 0.0:
+        _find_deepest(solids, a, b, t, best, n, pa, pb)
+    return best
+
+
+@inner
+def _find_deepest(
+    solids: Bodies,
+    a: int,
+    b: int,
+    t: NDArray[np.float64],
+    gap: float,
+    n: NDArray[np.float64],
+    pa: NDArray[np.float64],
+    pb: NDArray[np.float64],
+) -> None:
+    """Fill the deepest points of bodies whose shortest way out is along a face normal of one of them."""
+    x, normals = solids.vertices, solids.normals
+    of_a = False
+    for f in range(solids.face_ranges[a, 0], solids.face_ranges[a, 1]):
+        of_a = of_a or (normals[f, 0] == n[0] and normals[f, 1] == n[1] and normals[f, 2] == n[2])
+    other, sign = (b, -1.0) if of_a else (a, 1.0)
+    high = -np.inf
+    for k in range(solids.vertex_ranges[other, 0], solids.vertex_ranges[other, 1]):
+        s = sign * (n[0] * x[k, 0] + n[1] * x[k, 1] + n[2] * x[k, 2])
+        if s > high:
+            high = s
+            for c in range(3):
+                if of_a:
+                    pb[c] = x[k, c] + t[c]
+                    pa[c] = pb[c] - gap * n[c]
+                else:
+                    pa[c] = x[k, c]
+                    pb[c] = pa[c] + gap * n[c]

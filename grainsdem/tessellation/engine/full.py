@@ -277,6 +277,17 @@ class _Collection:
         return cells
 
 
+def copy_none() -> None:
+    """Copy and compare no cells: for the kernels' sake, which are then compiled."""
+    rows, counts, codes = np.empty(0, np.int64), np.empty(0, np.int32), np.empty(0, np.int8)
+    points, sides = np.empty((0, 3)), (np.zeros(1, np.int64), counts, np.empty((0, 3), np.int8))
+    batch = _Batch(points, counts, counts, codes, counts, np.empty((0, 6), np.int64))
+    cells = Cells(points, rows, rows, counts, rows, *sides[1:])
+    _copy_cells(0, 0, rows, rows, 1.0, tuple(batch), (*cells, rows))
+    _imbalance(0, 0, *sides, np.empty(0, np.uint64))
+    _one_sided(0, 0, *sides, np.empty(0, np.bool_))
+
+
 def full_cells(tree: Tree, frame: Frame) -> Cells:
     """Return the cells of all seeds, every face of theirs seen from both its sides.
 
