@@ -76,7 +76,7 @@ class Loop:
         What is kept while it goes.
     """
 
-    experiment: ClassVar[str]
+    experiment: str
     columns: ClassVar[Mapping[str, str]]
     is_driven: ClassVar[bool] = False
     sample_time = SAMPLE_TIME

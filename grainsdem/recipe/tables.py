@@ -2,26 +2,20 @@
 
 from __future__ import annotations
 
-import re
 import tomllib
+from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, get_args
 
-from pydantic import Field, ValidationError, model_serializer, model_validator
+from pydantic import BaseModel, Field, ValidationError, create_model, model_serializer, model_validator
 
 import exporters
 from grainsdem.errors import FileFormatError, InputError, MissingFileError, name_offenders
+from grainsdem.options import explained
 from grainsdem.recipe.base import Table
 from grainsdem.recipe.domain import DomainTable
-from grainsdem.recipe.experiments.tables import (
-    CollapseTable,
-    CompactTable,
-    ShearTable,
-    TapTable,
-    TiltTable,
-    TriaxialTable,
-)
-from grainsdem.recipe.grains import GrainsTable, SizesTable, ThroatsTable
+from grainsdem.recipe.experiments.tables import experiment_tables
+from grainsdem.recipe.grains import GrainsTable
 from grainsdem.recipe.motion import SettleTable
 from grainsdem.recipe.seeds import SeedsTable
 from grainsdem.recipe.views.tables import PlanformTable, SectionTable, VoxelsTable
@@ -35,11 +29,11 @@ if TYPE_CHECKING:
     from grainsdem.recipe.experiments.tables import ExperimentTable
     from grainsdem.recipe.views.tables import ViewTable
 
-EXPERIMENTS = "compact", "tap", "triaxial", "shear", "collapse", "tilt"
-"""The tables of experiments."""
-
 VIEWS = "voxels", "section", "planform"
 """The tables of what looks into a bed."""
+
+RENAMED = {"shear": "a ring is [ring_shear], a box of two halves [direct_shear]"}
+"""Tables of earlier versions, and what took their place."""
 
 EXAMPLE = Path(__file__).parent.parent / "angular_sand.toml"
 """The demo's recipe: an angular quartz sand of ASTM 20/30 grading."""
@@ -88,10 +82,13 @@ class Recipe(Table):
         Seed of everything that is random; refused, unless it is 0, where nothing is.
     domain, seeds, grains, settle, output : tables
         See each.
-    compact, tap, triaxial, shear, collapse, tilt : tables, optional
-        Experiments on what has settled, or on what was grown where nothing settles.
     voxels, section, planform : tables, optional
         What looks into the same bed.
+
+    Notes
+    -----
+    Besides, each experiment has a table of its name (`experiment_tables`): it is done on what has settled, or on what
+    was grown where nothing settles.
     """
 
     name: str = "bed"
@@ -100,12 +97,6 @@ class Recipe(Table):
     seeds: SeedsTable
     grains: GrainsTable
     settle: SettleTable | None = None
-    compact: CompactTable | None = None
-    tap: TapTable | None = None
-    triaxial: TriaxialTable | None = None
-    shear: ShearTable | None = None
-    collapse: CollapseTable | None = None
-    tilt: TiltTable | None = None
     voxels: VoxelsTable | None = None
     section: SectionTable | None = None
     planform: PlanformTable | None = None
@@ -115,11 +106,12 @@ class Recipe(Table):
     def _without_what_is_not_done(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Leave out what the recipe does not ask of a bed: what it is made of is told, and hashed, without."""
         told: dict[str, Any] = dump(self)
-        return {key: value for key, value in told.items() if value is not None or key not in EXPERIMENTS + VIEWS}
+        undone = {*experiment_tables(), *VIEWS}
+        return {key: value for key, value in told.items() if value is not None or key not in undone}
 
     def experiments(self) -> dict[str, ExperimentTable | None]:
         """Return the tables of experiments by their names, in the order in which they are run."""
-        return {name: getattr(self, name) for name in EXPERIMENTS}
+        return {name: getattr(self, name, None) for name in experiment_tables()}
 
     def views(self) -> dict[str, ViewTable | None]:
         """Return the tables of voxels, sections and planforms by their names."""
@@ -187,22 +179,11 @@ class Recipe(Table):
         return self.is_count_open or not self.grains.has_size
 
 
-_TABLES: dict[str, type[Table]] = {
-    "domain": DomainTable,
-    "seeds": SeedsTable,
-    "grains": GrainsTable,
-    "settle": SettleTable,
-    "compact": CompactTable,
-    "tap": TapTable,
-    "triaxial": TriaxialTable,
-    "shear": ShearTable,
-    "collapse": CollapseTable,
-    "tilt": TiltTable,
-    "voxels": VoxelsTable,
-    "section": SectionTable,
-    "planform": PlanformTable,
-    "output": OutputTable,
-}
+@lru_cache(maxsize=1)
+def recipe_model() -> type[Recipe]:
+    """Return the model of a recipe with a table for each experiment, those of other packages among them."""
+    tables: dict[str, Any] = {name: (table | None, None) for name, table in experiment_tables().items()}
+    return create_model("Recipe", __base__=Recipe, __doc__=Recipe.__doc__, **tables)
 
 
 def read(path: str | os.PathLike[str]) -> Recipe:
@@ -257,41 +238,20 @@ def make(**tables: Any) -> Recipe:
     >>> make(seeds={"count": 500}, grains={"porosity": 0.4}).seeds.process
     'halton'
     """
+    for name, cure in RENAMED.items():
+        if name in tables:
+            raise InputError(f"{name}: no such table; {cure}")
     try:
-        return Recipe.model_validate(tables)
+        return recipe_model().model_validate(tables)
     except ValidationError as error:
-        raise InputError("; ".join(_explain(items) for items in _by_key(error.errors()))) from error
+        raise InputError(explained(error, _table_at)) from error
 
 
-def _table_at(path: Sequence[Any]) -> type[Table]:
-    """Return the table that keys lead to, such as ``("grains", "throats")``."""
-    tables: dict[str, type[Table]] = {**_TABLES, "grains.throats": ThroatsTable, "grains.sizes": SizesTable}
-    return tables.get(".".join(map(str, path)), Recipe)
-
-
-_KIND = re.compile(r"(constrained-)?(str|int|float|bool)|(literal|tuple|list)\[.*|function-.*")
-"""What pydantic puts behind a key that takes values of several kinds."""
-
-
-def _by_key(items: list[Any]) -> list[list[Any]]:
-    """Return pydantic's errors by the key that they are of: a value of several kinds has one for each kind."""
-    found: dict[tuple[Any, ...], list[Any]] = {}
-    for item in items:
-        key = tuple(part for part in item["loc"] if not _KIND.fullmatch(str(part)))
-        found.setdefault(key, []).append({**item, "loc": key})
-    return list(found.values())
-
-
-def _explain(items: list[Any]) -> str:
-    """Return pydantic's errors of one key as a line that says where, what was given and what is allowed."""
-    item = items[0]
-    where = ".".join(str(part) for part in item["loc"]) or "recipe"
-    if item["type"] == "extra_forbidden":
-        allowed = _table_at(item["loc"][:-1]).model_fields
-        return f"{where}: unknown key; allowed are {', '.join(allowed)}"
-    if item["type"] == "missing":
-        return f"{where}: missing"
-    messages = [item["msg"].removeprefix("Value error, ") for item in items]
-    message = ", or ".join([messages[0], *(text.removeprefix("Input should be ") for text in messages[1:])])
-    shown = f"; got {item['input']!r}" if not isinstance(item["input"], dict) else ""
-    return f"{where}: {message[0].lower()}{message[1:]}{shown}"
+def _table_at(path: Sequence[Any]) -> type[BaseModel]:
+    """Return the model that keys lead to, such as ``("grains", "throats")``."""
+    found: type[BaseModel] = recipe_model()
+    for key in path:
+        field = found.model_fields.get(str(key))
+        kinds = [] if field is None else [field.annotation, *get_args(field.annotation)]
+        found = next((kind for kind in kinds if isinstance(kind, type) and issubclass(kind, BaseModel)), found)
+    return found

@@ -3,39 +3,36 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, Unpack
 
 import numpy as np
 
 from exporters.mjcf import MjcfOptions, units
 from grainsdem.dynamics.experiments.cells import SixWalls
 from grainsdem.dynamics.experiments.cells.meter import LIMIT_SPEED
+from grainsdem.dynamics.experiments.registry import experiment
 from grainsdem.dynamics.experiments.rig import (
     JsonReport,
-    Outcome,
     Trial,
     assemble,
-    check_frictions,
-    check_ranges,
     pressure_gravity,
 )
-from grainsdem.dynamics.experiments.start import set_apart_in_block
-from grainsdem.dynamics.loop import Record
+from grainsdem.dynamics.experiments.shared import CompactionFriction, Friction, Run
+from grainsdem.dynamics.experiments.start import in_block
 from grainsdem.dynamics.mechanics import coordination, snapshot, stress
-from grainsdem.dynamics.starting import as_spheres
 from grainsdem.errors import InputError
 from grainsdem.geometry.integrals import volumes
-from grainsdem.model import Domain
+from grainsdem.model import Domain, Packing
+from grainsdem.options import option
+from grainsdem.panels import Panel
 
 if TYPE_CHECKING:
-    import os
     from collections.abc import Mapping
 
     from numpy.typing import NDArray
 
-    from grainsdem.dynamics.experiments.rig import Tell
+    from grainsdem.dynamics.experiments.rig import Series
     from grainsdem.dynamics.scene import Scene
-    from grainsdem.model import Packing
 
     Floats = NDArray[np.float64]
 
@@ -133,56 +130,43 @@ class CompactReport(JsonReport):
     halvings: int
 
 
+def _panels(series: Series, profile: Series) -> list[Panel]:
+    """Return porosity and pressures over time."""
+    del profile
+    pressures = {"walls": "pressure", "contacts": "pressure_contacts"}
+    return [
+        Panel("time  [s]", "porosity", {"": (series["time"], series["porosity"])}),
+        Panel("time  [s]", "pressure  [Pa]", {who: (series["time"], series[name]) for who, name in pressures.items()}),
+    ]
+
+
+@experiment(panels=_panels, whole=True)
 def compact(
     packing: Packing,
     *,
-    pressure: float = 1e4,
-    porosity: float | None = None,
-    friction: float = 0.5,
-    compaction_friction: float | None = None,
-    rng: np.random.Generator | int | None = None,
-    spheres: bool = False,
-    time_step: float = 0.01,
-    max_time: float = 200.0,
-    history_path: str | os.PathLike[str] | None = None,
-    resume: bool = False,
-    progress: Tell | None = None,
-) -> Outcome[CompactReport]:
-    """Compress a bed from all sides by smooth walls, to a pressure or to a porosity.
+    pressure: Annotated[
+        float, option("Pressure of the walls; they close in with it also where a porosity is asked for.", "Pa", gt=0)
+    ] = 1e4,
+    porosity: Annotated[
+        float | None,
+        option("Share of void between the walls at which they stop, whatever pressure is left then.", gt=0, lt=1),
+    ] = None,
+    friction: Friction = 0.5,
+    compaction_friction: CompactionFriction = None,
+    max_time: Annotated[float, option("Time limit.", "d √(ρ/P)", gt=0)] = 200.0,
+    **run: Unpack[Run],
+) -> _Compact:
+    """Compress a bed from all sides by six smooth walls, to a pressure or to a porosity.
 
     Parameters
     ----------
     packing : Packing
         Grains free of overlap; four walls in planar work.
-    pressure : float
-        Pressure [Pa] that the walls press with; they close in with it also where a porosity is asked for.
-    porosity : float, optional
-        Share of void between the walls at which they stop. The bed then comes to rest in that volume, whatever pressure
-        is left.
-    friction : float
-        Coefficient of friction among grains once they are compressed; the walls are smooth.
-    compaction_friction : float, optional
-        The same while walls close in: less makes a denser bed, and is the usual way to one. As after it by default.
-    rng : numpy.random.Generator, int or None
-        Where given, grains are first turned at random, reordered and set apart on a lattice; it is the seed. Without it
-        they start where they are: cells left in place are put together again like a jigsaw, to a porosity near zero.
-    spheres : bool
-        Whether each grain is replaced by the sphere of equal volume.
-    time_step : float
-        Time step in units of d √(ρ/P).
-    max_time : float
-        Time limit in the same units.
-    history_path : str or path-like, optional
-        HDF5 file that the history is appended to while the run goes.
-    resume : bool
-        Whether to go on from the checkpoint of an interrupted run with that history.
-    progress : callable, optional
-        Called with the fraction done and a few words at every sample.
 
     Returns
     -------
     Outcome
-        Packing in a domain between the walls, history, `CompactReport`, snapshot.
+        Packing, history, `CompactReport`, snapshot.
 
     Raises
     ------
@@ -199,35 +183,21 @@ def compact(
     means: at five samples 0.2 t apart, the mean kinetic energy of a grain is below 1e-5 P d³, and the mean pressures on
     walls and in contacts are within 3 % of that asked for, or the porosity within 1e-4.
     """
-    check_ranges(pressure=pressure, time_step=time_step, max_time=max_time)
-    check_frictions(friction=friction, compaction_friction=compaction_friction)
-    if porosity is not None and not 0 < porosity < 1:
-        raise InputError(f"porosity must lie between 0 and 1; got {porosity}")
-    first = as_spheres(packing) if spheres else packing
-    first = first if rng is None else set_apart_in_block(first, rng=rng)
+    first = in_block(packing, run)
     options = MjcfOptions(
-        friction=friction, gravity=pressure_gravity(first, pressure), time_step=time_step, walls="none"
+        friction=friction, gravity=pressure_gravity(first, pressure), time_step=run["time_step"], walls="none"
     )
     cell = SixWalls(first, units(first, options.gravity))
-    scene = assemble(first, options, cell.furnish, spheres=spheres)
-    told = {
-        "porosity": porosity,
-        "friction": friction,
-        "compaction_friction": compaction_friction,
-        "max_time": max_time,
-    }
-    run = _Compact(scene, cell, Record(history_path, resume, told), progress, told)
-    if porosity is not None and run.measure().porosity < porosity:
-        raise InputError(f"porosity must be below that of the start, {run.measure().porosity:.4f}; got {porosity}")
-    run.run()
-    step = {"pressure": pressure, "time_step": time_step, "spheres": spheres, **told}
-    return Outcome(run.packing().with_step("compact", **step), run.history(), run.report(), snapshot(scene), {})
+    scene = assemble(first, options, cell.furnish, spheres=run["spheres"])
+    found = _Compact(scene, cell, (compaction_friction, friction), porosity, max_time)
+    if porosity is not None and (least := found.measure().porosity) < porosity:
+        raise InputError(f"porosity must be below that of the start, {least:.4f}; got {porosity}")
+    return found
 
 
-class _Compact(Trial):
+class _Compact(Trial[CompactReport]):
     """Walls that close in, and then a bed that comes to rest between them."""
 
-    experiment = "compact"
     columns: ClassVar[Mapping[str, str]] = {
         "time": "s",
         "stage": "0 closing in, 1 coming to rest",
@@ -239,17 +209,20 @@ class _Compact(Trial):
     }
 
     def __init__(
-        self, scene: Scene, cell: SixWalls, record: Record, tell: Tell | None, options: Mapping[str, Any]
+        self,
+        scene: Scene,
+        cell: SixWalls,
+        frictions: tuple[float | None, float],
+        target: float | None,
+        max_time: float,
     ) -> None:
-        super().__init__(scene, record, cell.meter(scene.engine), tell)
-        self.cell = cell
-        self.target: float | None = options["porosity"]
-        self.max_time: float = options["max_time"]
+        super().__init__(scene, cell.meter(scene.engine))
+        self.cell, self.target, self.max_time = cell, target, max_time
         self.begun: float | None = None
         """When [t] the bed was compressed."""
         self.aim: list[float] | None = None
         """Sides [d] that leave the porosity that was asked for, once walls are as near."""
-        self._frictions = options["compaction_friction"], options["friction"]
+        self._frictions = frictions
         self._volume = float(volumes(scene.source.grains).sum()) / scene.units.length**3
         self._enter()
 

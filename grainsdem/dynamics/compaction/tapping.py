@@ -3,30 +3,31 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, Unpack
 
 import numpy as np
 
 from exporters.mjcf import MjcfOptions, units
 from grainsdem.dynamics.experiments.cells.meter import Meter
-from grainsdem.dynamics.experiments.rig import JsonReport, Outcome, Trial, check_frictions, check_ranges
-from grainsdem.dynamics.loop import Record
+from grainsdem.dynamics.experiments.registry import experiment
+from grainsdem.dynamics.experiments.rig import JsonReport, Trial, assemble
+from grainsdem.dynamics.experiments.shared import Friction, Gravity, Run, WallFriction
 from grainsdem.dynamics.mechanics import coordination, sample, snapshot
-from grainsdem.dynamics.scene import equip, refuse_overlap, scene_of
 from grainsdem.dynamics.starting import begin
 from grainsdem.dynamics.watch import distance_outside
 from grainsdem.errors import InputError
 from grainsdem.geometry.integrals import volumes
+from grainsdem.model import Packing
+from grainsdem.options import option
+from grainsdem.panels import Panel
 
 if TYPE_CHECKING:
-    import os
     from collections.abc import Mapping
 
     from numpy.typing import NDArray
 
-    from grainsdem.dynamics.experiments.rig import Tell
+    from grainsdem.dynamics.experiments.rig import Series
     from grainsdem.dynamics.scene import Scene
-    from grainsdem.model import Packing
 
     Floats = NDArray[np.float64]
 
@@ -129,49 +130,34 @@ class TapReport(JsonReport):
     halvings: int
 
 
+def _panels(series: Series, profile: Series) -> list[Panel]:
+    """Return porosity over time, and at rest over taps."""
+    return [
+        Panel("time  [s]", "porosity", {"": (series["time"], series["porosity"])}),
+        Panel("taps", "porosity at rest", {}, {"": (profile["taps"], profile["porosity"])}),
+    ]
+
+
+@experiment(panels=_panels, whole=True)
 def tap(
     packing: Packing,
     *,
-    taps: int = 50,
-    amplitude: float | None = None,
-    acceleration: float = 3.0,
-    friction: float = 0.5,
-    wall_friction: float | None = None,
-    gravity: float = 9.81,
-    rng: np.random.Generator | int | None = None,
-    spheres: bool = False,
-    time_step: float = 0.01,
-    history_path: str | os.PathLike[str] | None = None,
-    resume: bool = False,
-    progress: Tell | None = None,
-) -> Outcome[TapReport]:
-    """Shake the container of a bed up and down, tap by tap, each time to rest.
+    taps: Annotated[int, option("How many.", ge=1)] = 50,
+    amplitude: Annotated[float | None, option("Height of a tap; half a median diameter by default.", "m", gt=0)] = None,
+    acceleration: Annotated[
+        float, option("Its greatest acceleration over gravity; grains leave the floor above one.", gt=0)
+    ] = 3.0,
+    friction: Friction = 0.5,
+    wall_friction: WallFriction = None,
+    gravity: Gravity = 9.81,
+    **run: Unpack[Run],
+) -> _Tap:
+    """Shake the container of a bed up and down, tap by tap, each time to rest: porosity against taps.
 
     Parameters
     ----------
     packing : Packing
         Grains free of overlap in a container with upright walls; they come to rest before the first tap.
-    taps : int
-        How many.
-    amplitude : float, optional
-        Height of a tap [m]; half a median diameter by default.
-    acceleration : float
-        Its greatest acceleration over gravity; grains leave the floor above one.
-    friction, wall_friction, gravity
-        As for `settle`.
-    rng : numpy.random.Generator, int or None
-        Where given, grains are first turned at random, reordered and poured; it is the seed. Without it they start
-        where they are, and may be a bed that has settled.
-    spheres : bool
-        Whether each grain is replaced by the sphere of equal volume.
-    time_step : float
-        Time step in units of √(d/g).
-    history_path : str or path-like, optional
-        HDF5 file that the history is appended to while the run goes.
-    resume : bool
-        Whether to go on from the checkpoint of an interrupted run with that history.
-    progress : callable, optional
-        Called with the fraction done and a few words at every sample.
 
     Returns
     -------
@@ -192,43 +178,21 @@ def tap(
     simulated. Porosity is 1 − V/(2 h S), V being the volume of the grains, S the floor's area and h the height of the
     centre of volume: exact where the void is spread evenly over the height.
     """
-    check_ranges(acceleration=acceleration, gravity=gravity, time_step=time_step)
-    check_frictions(friction=friction, wall_friction=wall_friction)
-    if taps < 1:
-        raise InputError(f"taps must be 1 or more; got {taps}")
     up = 1 if packing.domain.is_planar else 2
     if np.abs(packing.domain.planes[:, up]).max(initial=0.0) > 1e-9:
         raise InputError(
             "tapping needs a container with upright walls, a box or a cylinder: porosity is told from height"
         )
-    first = begin(packing, start="place" if rng is None else "pour", spheres=spheres, rng=rng)
-    scales = units(first, gravity)
-    height = 0.5 if amplitude is None else amplitude / scales.length
-    check_ranges(amplitude=height)
-    options = MjcfOptions(friction=friction, wall_friction=wall_friction, gravity=gravity, time_step=time_step)
-    apparatus = equip(first, options, are_spheres=spheres)
-    scene = scene_of(first, apparatus.text(), gravity, are_spheres=spheres)
-    refuse_overlap(scene)
-    told = {"taps": taps, "amplitude": height * scales.length, "acceleration": acceleration}
-    run = _Tap(scene, Record(history_path, resume, told), progress, Shaking(taps, height, acceleration))
-    run.run()
-    step = {
-        "friction": friction, "wall_friction": wall_friction, "gravity": gravity, **told, **scene.rest(options),
-    }  # fmt: skip
-    after = np.array(run.rests)
-    return Outcome(
-        scene.packing().with_step("tap", spheres=spheres, time_step=time_step, **step),
-        run.history(),
-        run.report(),
-        snapshot(scene),
-        {"taps": np.arange(len(after), dtype=np.float64), "porosity": after},
-    )
+    first = begin(packing, start="place" if run["rng"] is None else "pour", spheres=run["spheres"], rng=run["rng"])
+    height = 0.5 if amplitude is None else amplitude / units(first, gravity).length
+    options = MjcfOptions(friction=friction, wall_friction=wall_friction, gravity=gravity, time_step=run["time_step"])
+    scene = assemble(first, options, lambda _apparatus: None, spheres=run["spheres"])
+    return _Tap(scene, options, Shaking(taps, height, acceleration))
 
 
-class _Tap(Trial):
+class _Tap(Trial[TapReport]):
     """A bed that comes to rest, and is tapped whenever it has."""
 
-    experiment = "tap"
     columns: ClassVar[Mapping[str, str]] = {
         "time": "s",
         "taps": "1",
@@ -237,9 +201,9 @@ class _Tap(Trial):
         "kinetic_energy": "m g d",
     }
 
-    def __init__(self, scene: Scene, record: Record, tell: Tell | None, shaking: Shaking) -> None:
-        super().__init__(scene, record, Meter(scene.engine, {}), tell)
-        self.shaking = shaking
+    def __init__(self, scene: Scene, options: MjcfOptions, shaking: Shaking) -> None:
+        super().__init__(scene, Meter(scene.engine, {}))
+        self.options, self.shaking = options, shaking
         self.rests: list[float] = []
         """Porosity at rest before the first tap, and after each."""
         self.all_at_rest = True
@@ -308,6 +272,14 @@ class _Tap(Trial):
         super().recall(memory)
         self.begun, self.rests = memory["begun"], list(memory["rests"])
         self.all_at_rest = memory["all_at_rest"]
+
+    def profile(self) -> dict[str, Floats]:
+        """Return the porosity at rest before the first tap and after each."""
+        return {"taps": np.arange(len(self.rests), dtype=np.float64), "porosity": np.array(self.rests)}
+
+    def remarks(self) -> dict[str, Any]:
+        """Return the height of a tap [m], and how the bed came to rest."""
+        return {"amplitude": self.shaking.amplitude * self.scene.units.length, **self.scene.rest(self.options)}
 
     def report(self) -> TapReport:
         """Return what tapping led to."""

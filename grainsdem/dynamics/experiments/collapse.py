@@ -2,29 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, Unpack
 
 import numpy as np
 
 from exporters.mjcf import MjcfOptions
+from grainsdem.dynamics.experiments.registry import experiment
 from grainsdem.dynamics.experiments.resting import Resting, pour
-from grainsdem.dynamics.experiments.rig import JsonReport, Outcome, assemble, check_frictions, check_ranges
-from grainsdem.dynamics.loop import Record
+from grainsdem.dynamics.experiments.rig import JsonReport, assemble
+from grainsdem.dynamics.experiments.shared import Friction, Gravity, Run, WallFriction
 from grainsdem.dynamics.mechanics import snapshot
 from grainsdem.dynamics.mechanics.slopes import Slope, directions, run_out, surface
-from grainsdem.dynamics.starting import as_spheres
 from grainsdem.errors import InputError
+from grainsdem.model import Packing
+from grainsdem.options import option
+from grainsdem.panels import Panel
 
 if TYPE_CHECKING:
-    import os
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
 
     from numpy.typing import NDArray
 
-    from grainsdem.dynamics.experiments.rig import Tell
+    from grainsdem.dynamics.experiments.rig import Series
     from grainsdem.dynamics.scene import Scene
-    from grainsdem.model import Packing
 
     Floats = NDArray[np.float64]
 
@@ -93,45 +95,35 @@ class CollapseReport(JsonReport):
     halvings: int
 
 
+def _panels(series: Series, profile: Series) -> list[Panel]:
+    """Return height and run-out over time, and the surface that is left."""
+    lengths = {name.replace("_", "-"): (series["time"], series[name]) for name in ("height", "run_out")}
+    return [
+        Panel("time  [s]", "length  [m]", lengths),
+        Panel("distance  [m]", "height of the surface  [m]", {}, {"": (profile["distance"], profile["height"])}),
+    ]
+
+
+@experiment(panels=_panels)
 def collapse(
     packing: Packing,
     *,
-    release: Sequence[str] | None = None,
-    friction: float = 0.5,
-    wall_friction: float | None = None,
-    gravity: float = 9.81,
-    max_time: float = 100.0,
-    rng: np.random.Generator | int | None = None,
-    spheres: bool = False,
-    time_step: float = 0.01,
-    history_path: str | os.PathLike[str] | None = None,
-    resume: bool = False,
-    progress: Tell | None = None,
-) -> Outcome[CollapseReport]:
-    """Take walls away from a bed, let it run out over the floor to rest, and measure the slope that it is left with.
+    release: Annotated[
+        Sequence[str] | None,
+        option("Walls to take away, such as wall_x1 for a slope towards +x; all by default.", min_length=1),
+    ] = None,
+    friction: Friction = 0.5,
+    wall_friction: WallFriction = None,
+    gravity: Gravity = 9.81,
+    max_time: Annotated[float, option("Time limit after the release.", "√(d/g)", gt=0)] = 100.0,
+    **run: Unpack[Run],
+) -> _Collapse:
+    """Take walls away from a bed and let it run out to rest: angle of repose, run-out.
 
     Parameters
     ----------
     packing : Packing
-        The bed, in a box; `settle` it first, or give ``rng``.
-    release : sequence of str, optional
-        Walls to take away, such as ``["wall_x1"]`` for a slope towards +x; all of them by default, for a heap.
-    friction : float
-        Coefficient of friction among grains.
-    wall_friction : float, optional
-        The same with floor and walls; as among grains by default.
-    gravity : float
-        Acceleration [m/s²].
-    max_time : float
-        Time limit after the release, in units of √(d/g).
-    rng : numpy.random.Generator, int or None
-        Where given, grains are first turned at random, reordered and poured between the walls; it is the seed.
-    spheres : bool
-        Whether each grain is replaced by the sphere of equal volume. A heap of spheres that roll may not come to rest.
-    time_step : float
-        Time step in units of √(d/g).
-    history_path, resume, progress
-        As for `triaxial`.
+        The bed, in a box; `settle` it first, or give ``rng``. A heap of spheres that roll may not come to rest.
 
     Returns
     -------
@@ -155,31 +147,19 @@ def collapse(
     repose is that of the least-squares line through the bins from the last one above 80 % to the first one below 20 %
     of the greatest height: neither crest nor toe.
     """
-    check_ranges(gravity=gravity, max_time=max_time, time_step=time_step)
-    check_frictions(friction=friction, wall_friction=wall_friction)
-    start = pour(as_spheres(packing) if spheres else packing, rng)
-    options = MjcfOptions(friction=friction, wall_friction=wall_friction, gravity=gravity, time_step=time_step)
-    scene = assemble(start, options, lambda _apparatus: None, spheres=spheres)
+    options = MjcfOptions(friction=friction, wall_friction=wall_friction, gravity=gravity, time_step=run["time_step"])
+    scene = assemble(pour(packing, run), options, lambda _apparatus: None, spheres=run["spheres"])
     walls = _walls(scene)
     chosen = walls if release is None else list(release)
     unknown = [name for name in chosen if name not in walls]
     if unknown or not chosen:
         raise InputError(f"release must name some of {', '.join(walls)}; got {', '.join(chosen) or 'none'}")
-    told = {"release": chosen, "friction": friction, "wall_friction": wall_friction, "max_time": max_time}
-    run = _Collapse(scene, Record(history_path, resume, told), progress, told)
-    run.run()
-    step = {"gravity": gravity, "time_step": time_step, "spheres": spheres, **told, **scene.rest(options)}
-    found = run.slope()
-    profile = {"distance": found.distances, "height": found.heights}
-    return Outcome(
-        scene.packing().with_step("collapse", **step), run.history(), run.report(found), snapshot(scene), profile
-    )
+    return _Collapse(scene, options, chosen, max_time)
 
 
-class _Collapse(Resting):
+class _Collapse(Resting[CollapseReport]):
     """A bed that comes to rest between its walls, and then without."""
 
-    experiment = "collapse"
     columns: ClassVar[Mapping[str, str]] = {
         "time": "s",
         "stage": "0 between walls, 1 without",
@@ -188,9 +168,9 @@ class _Collapse(Resting):
         "run_out": "m",
     }
 
-    def __init__(self, scene: Scene, record: Record, tell: Tell | None, options: Mapping[str, Any]) -> None:
-        super().__init__(scene, record, tell, options["max_time"])
-        self.release: list[str] = options["release"]
+    def __init__(self, scene: Scene, options: MjcfOptions, release: list[str], max_time: float) -> None:
+        super().__init__(scene, max_time)
+        self.options, self.release = options, release
         self._origin = _origin(scene.source, self.release, _walls(scene))
 
     def act(self) -> None:
@@ -239,8 +219,18 @@ class _Collapse(Resting):
         """Return the surface of the heap."""
         return surface(snapshot(self.scene), self._origin, width=self.scene.units.length)
 
-    def report(self, found: Slope) -> CollapseReport:
+    def profile(self) -> dict[str, Floats]:
+        """Return the surface that is left."""
+        found = self.slope()
+        return {"distance": found.distances, "height": found.heights}
+
+    def remarks(self) -> dict[str, Any]:
+        """Return the walls that were taken away, and how the heap came to rest."""
+        return {"release": self.release, **self.scene.rest(self.options)}
+
+    def report(self) -> CollapseReport:
         """Return what the collapse left."""
+        found = self.slope()
         begun = self.begun or {"height": np.nan, "run_out": np.nan, "is_at_rest": False}
         last, scale = self.samples[-1], self.scene.units.length
         return CollapseReport(

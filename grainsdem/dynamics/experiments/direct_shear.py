@@ -3,40 +3,40 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, Unpack
 
 import numpy as np
 
 from exporters.mjcf import MjcfOptions, units
 from grainsdem.dynamics.experiments.cells import ShearBox
+from grainsdem.dynamics.experiments.registry import experiment
 from grainsdem.dynamics.experiments.rig import (
     JsonReport,
-    Outcome,
+    Shear,
     Staged,
     assemble,
-    check_frictions,
-    check_ranges,
     columns_of,
     highest,
     pressure_gravity,
+    shear_panels,
     smooth,
 )
-from grainsdem.dynamics.loop import Record
+from grainsdem.dynamics.experiments.shared import CompactionFriction, Friction, InertialNumber, NormalStress, Run
+from grainsdem.dynamics.experiments.start import as_asked
 from grainsdem.dynamics.mechanics import coordination, sliding_fraction, snapshot, traction
-from grainsdem.dynamics.starting import as_spheres
-from grainsdem.errors import InputError
 from grainsdem.geometry.integrals import volumes
+from grainsdem.model import Packing
+from grainsdem.options import option
 
 if TYPE_CHECKING:
-    import os
     from collections.abc import Mapping
 
     from numpy.typing import NDArray
 
-    from grainsdem.dynamics.experiments.rig import Tell
+    from grainsdem.dynamics.experiments.rig import Series
     from grainsdem.dynamics.mechanics import Snapshot
     from grainsdem.dynamics.scene import Scene
-    from grainsdem.model import Packing
+    from grainsdem.panels import Panel
 
     Floats = NDArray[np.float64]
 
@@ -141,46 +141,32 @@ class DirectShearReport(JsonReport):
     halvings: int
 
 
+def _panels(series: Series, profile: Series) -> list[Panel]:
+    """Return curves of τ/σ and dilation over the displacement."""
+    del profile
+    return shear_panels(series, "displacement", "displacement over length of the box", "box")
+
+
+@experiment(panels=_panels)
 def direct_shear(
     packing: Packing,
     *,
-    normal_stress: float = 1e4,
-    displacement: float = 0.2,
-    inertial_number: float = 1e-2,
-    friction: float = 0.5,
-    compaction_friction: float | None = None,
-    rng: np.random.Generator | int | None = None,
-    spheres: bool = False,
-    time_step: float = 0.01,
-    history_path: str | os.PathLike[str] | None = None,
-    resume: bool = False,
-    progress: Tell | None = None,
-) -> Outcome[DirectShearReport]:
-    """Drive the upper half of a box over the lower one under a constant load.
+    normal_stress: NormalStress = 1e4,
+    displacement: Annotated[
+        float, option("Way of the upper half to go to, over the length of the box.", gt=0, le=0.5)
+    ] = 0.2,
+    inertial_number: InertialNumber = 1e-2,
+    friction: Friction = 0.5,
+    compaction_friction: CompactionFriction = None,
+    **run: Unpack[Run],
+) -> _DirectShear:
+    """Drive the upper half of a box over the lower one under a constant load: friction, dilation.
 
     Parameters
     ----------
     packing : Packing
-        Grains free of overlap. In planar work the height is along y.
-    normal_stress : float
-        Load over the floor [Pa].
-    displacement : float
-        Way of the upper half to go to, over the length of the box.
-    inertial_number : float
-        v/h d √(ρ/σ), v being the speed of the upper half and h the height of the bed.
-    friction : float
-        Coefficient of friction among grains, and with floor and lid; the walls of the halves are smooth.
-    compaction_friction : float, optional
-        The same among grains while the bed is compressed: less makes a denser bed. As in shear by default.
-    rng : numpy.random.Generator, int or None
-        Where given, grains are first turned at random, reordered and set apart in a box twice as long as it is high and
-        deep; it is the seed. Without it they start where they are, in the box that their domain is.
-    spheres : bool
-        Whether each grain is replaced by the sphere of equal volume.
-    time_step : float
-        Time step in units of d √(ρ/σ).
-    history_path, resume, progress
-        As for `triaxial`.
+        Grains free of overlap. In planar work the height is along y. With a seed they are set apart in a box twice as
+        long as it is high and deep; without, they start where they are, in the box that their domain is.
 
     Returns
     -------
@@ -193,45 +179,39 @@ def direct_shear(
         If an option is out of range, or the packing is periodic or overlaps.
     UnstableError
         If the run goes wrong and three smaller time steps do not help.
+
+    Notes
+    -----
+    The inertial number is v/h d √(ρ/σ), v being the speed of the upper half and h the height of the bed. Grains have
+    the same friction with floor and lid; the walls of the halves are smooth.
     """
-    check_ranges(normal_stress=normal_stress, displacement=displacement, inertial_number=inertial_number)
-    check_ranges(time_step=time_step)
-    check_frictions(friction=friction, compaction_friction=compaction_friction)
-    if displacement > 0.5:
-        raise InputError(f"displacement must be at most half the length of the box, 0.5; got {displacement}")
-    grains = as_spheres(packing) if spheres else packing
-    box = ShearBox(grains, rng=rng)
+    grains = as_asked(packing, run)
+    box = ShearBox(grains, rng=run["rng"])
     options = MjcfOptions(
-        friction=friction, gravity=pressure_gravity(grains, normal_stress), time_step=time_step, walls="none"
+        friction=friction,
+        gravity=pressure_gravity(grains, normal_stress),
+        time_step=run["time_step"],
+        walls="none",
     )
     scales = units(box.packing, options.gravity)
     scene = assemble(
-        box.packing, options, lambda apparatus: box.furnish(apparatus, scales, friction=friction), spheres=spheres
+        box.packing,
+        options,
+        lambda apparatus: box.furnish(apparatus, scales, friction=friction),
+        spheres=run["spheres"],
     )
-    told = {
-        "strain": displacement,
-        "inertial_number": inertial_number,
-        "friction": friction,
-        "compaction_friction": compaction_friction,
-    }
-    run = _DirectShear(scene, box, Record(history_path, resume, told), progress, told)
-    run.run()
-    step = {"normal_stress": normal_stress, "time_step": time_step, "spheres": spheres, **told}
-    return Outcome(scene.packing().with_step("direct_shear", **step), run.history(), run.report(), snapshot(scene), {})
+    return _DirectShear(scene, box, Shear(displacement, inertial_number, friction, compaction_friction))
 
 
-class _DirectShear(Staged):
+class _DirectShear(Staged[DirectShearReport]):
     """Compression to rest, then shear."""
 
-    experiment = "direct_shear"
     columns: ClassVar[Mapping[str, str]] = columns_of(DirectShearSample._fields)
 
-    def __init__(
-        self, scene: Scene, box: ShearBox, record: Record, tell: Tell | None, options: Mapping[str, Any]
-    ) -> None:
+    def __init__(self, scene: Scene, box: ShearBox, shear: Shear) -> None:
         self.box = box
         self._volume = float(volumes(scene.source.grains).sum()) / scene.units.length**3
-        super().__init__(scene, record, box.meter(scene.engine), tell, options)
+        super().__init__(scene, box.meter(scene.engine), shear)
 
     def duration(self) -> float:
         """Return how long [t] the shear takes."""

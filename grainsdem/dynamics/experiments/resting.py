@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from grainsdem.dynamics.experiments.cells.meter import Meter
-from grainsdem.dynamics.experiments.rig import Trial
-from grainsdem.dynamics.experiments.start import set_apart_in_block
+from grainsdem.dynamics.experiments.rig import Report, Trial
+from grainsdem.dynamics.experiments.start import as_asked, set_apart_in_block
 from grainsdem.dynamics.mechanics import contact_graph
 from grainsdem.errors import InputError
 
@@ -17,9 +17,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from grainsdem.dynamics.experiments.rig import Tell
-    from grainsdem.dynamics.experiments.start import Seed
-    from grainsdem.dynamics.loop import Record
+    from grainsdem.dynamics.experiments.shared import Run
     from grainsdem.dynamics.mechanics import Snapshot
     from grainsdem.dynamics.scene import Scene
     from grainsdem.model import Packing
@@ -40,30 +38,31 @@ POURING_LIMIT = 100.0
 """Time [t] after which the experiment begins although the bed is not at rest."""
 
 
-def pour(packing: Packing, rng: Seed) -> Packing:
-    """Return the grains where they are, or, with a seed, set apart above each other between their walls."""
-    if rng is None:
-        return packing
+def pour(packing: Packing, run: Run) -> Packing:
+    """Return the grains, or spheres, where they are, or, with a seed, set apart above each other between walls."""
+    grains = as_asked(packing, run)
+    if run["rng"] is None:
+        return grains
     if len(packing.domain.planes):
         raise InputError("grains are poured between the walls of a box only; settle those of another container first")
-    return set_apart_in_block(packing, rng=rng, lengths=packing.domain.lengths[:-1])
+    return set_apart_in_block(grains, rng=run["rng"], lengths=packing.domain.lengths[:-1])
 
 
-class Resting(Trial):
+class Resting(Trial[Report]):
     """A run in two stages: the bed comes to rest between its walls, then something is done to it.
 
     Parameters
     ----------
-    scene, record, tell
-        As in `Trial`.
+    scene : Scene
+        What moves.
     max_time : float
         Time limit [t] of the second stage.
     """
 
     is_driven = False
 
-    def __init__(self, scene: Scene, record: Record, tell: Tell | None, max_time: float) -> None:
-        super().__init__(scene, record, Meter(scene.engine, {}), tell)
+    def __init__(self, scene: Scene, max_time: float) -> None:
+        super().__init__(scene, Meter(scene.engine, {}))
         self.max_time = max_time
         self.begun: dict[str, Any] | None = None
         """What is remembered of the moment when the bed was at rest."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -12,7 +12,8 @@ from grainsdem.dynamics.loop import Loop, Record
 from grainsdem.dynamics.mechanics import energies, snapshot
 from grainsdem.dynamics.scene import Scene, equip, refuse_overlap, scene_of
 from grainsdem.dynamics.watch import TroubleError, refuse_broken
-from grainsdem.errors import InputError, name_offenders
+from grainsdem.errors import name_offenders
+from grainsdem.panels import Panel, smoothed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from grainsdem.model import Packing
 
     Tell = Callable[[float, str], None]
+    Series = Mapping[str, NDArray[np.float64]]
 
 RUNAWAY = 100.0
 """Mean kinetic energy of a grain [P d³] that no loading at these rates gives: the run has gone wrong."""
@@ -77,6 +79,8 @@ class Outcome(Generic[Report]):
         The last instant, that everything in `grainsdem.dynamics.mechanics` is a function of.
     profile : dict of ndarray
         What was measured along a line, in SI; empty where an experiment measures no such thing.
+    panels : tuple of Panel
+        Curves of all this, for `grainsdem.figures.curve_figure`; none where the run never came to its second stage.
     """
 
     packing: Packing
@@ -84,6 +88,7 @@ class Outcome(Generic[Report]):
     report: Report
     snapshot: Snapshot
     profile: dict[str, NDArray[np.float64]]
+    panels: tuple[Panel, ...] = ()
 
 
 class JsonReport:
@@ -103,46 +108,40 @@ def pressure_gravity(packing: Packing, pressure: float) -> float:
     return pressure / (units.density * units.length)
 
 
-def check_ranges(**values: float) -> None:
-    """Raise `InputError` unless each number is positive and finite."""
-    for name, value in values.items():
-        if not (_is_number(value) and value > 0):
-            raise InputError(f"{name} must be positive and finite; got {value}")
-
-
-def check_frictions(**values: float | None) -> None:
-    """Raise `InputError` unless each coefficient is zero or more, or not given."""
-    for name, value in values.items():
-        if value is not None and not (_is_number(value) and value >= 0):
-            raise InputError(f"{name} must be zero or more; got {value}")
-
-
-def _is_number(value: object) -> bool:
-    """Return whether a value, which may come from a text, is a finite number."""
-    return isinstance(value, int | float | np.integer | np.floating) and bool(np.isfinite(value))
-
-
-class Trial(Loop):
+class Trial(Loop, Generic[Report]):
     """A run under an apparatus: broken states, runaway energies and grains that got out are trouble.
 
     Parameters
     ----------
     scene : Scene
         What moves.
-    record : Record
-        What is kept while it goes.
     meter : Meter
         The parts that are pushed.
-    tell : callable, optional
-        Called with the fraction done and a few words at every sample.
     """
 
     is_driven = True
 
-    def __init__(self, scene: Scene, record: Record, meter: Meter, tell: Tell | None) -> None:
-        super().__init__(scene, record)
+    def __init__(self, scene: Scene, meter: Meter) -> None:
+        super().__init__(scene, Record())
         self.meter = meter
-        self.tell = tell or (lambda _fraction, _words: None)
+        self.tell: Tell = lambda _fraction, _words: None
+        """Called with the fraction done and a few words at every sample."""
+
+    def report(self) -> Report:
+        """Return what the run measured, once it is over."""
+        raise NotImplementedError
+
+    def packing(self) -> Packing:
+        """Return the grains where they are."""
+        return self.scene.packing()
+
+    def profile(self) -> dict[str, NDArray[np.float64]]:
+        """Return what the run measured along a line, in SI."""
+        return {}
+
+    def remarks(self) -> dict[str, Any]:
+        """Return what provenance says of the run besides its options, as JSON values."""
+        return {}
 
     def outside(self) -> NDArray[np.float64]:
         """Return how far [d] each centroid is outside what should hold it, shape (n,)."""
@@ -174,23 +173,42 @@ class Trial(Loop):
         self.meter.forget(memory["loads"])
 
 
-class Staged(Trial):
+class Shear(NamedTuple):
+    """How a bed is sheared.
+
+    Parameters
+    ----------
+    strain : float
+        To go to.
+    rate : float
+        Inertial number.
+    friction : float
+        Coefficient of friction among grains.
+    compaction_friction : float or None
+        The same while the bed is compressed, where that is another.
+    """
+
+    strain: float
+    rate: float
+    friction: float
+    compaction_friction: float | None
+
+
+class Staged(Trial[Report]):
     """A run in two stages: the bed is compressed until it is at rest, then sheared to a strain.
 
     Parameters
     ----------
-    scene, record, meter, tell
+    scene, meter
         As in `Trial`.
-    options : mapping
-        ``strain`` to go to, ``inertial_number``, ``friction``, and ``compaction_friction`` or none.
+    shear : Shear
+        How.
     """
 
-    def __init__(
-        self, scene: Scene, record: Record, meter: Meter, tell: Tell | None, options: Mapping[str, Any]
-    ) -> None:
-        super().__init__(scene, record, meter, tell)
-        self.strain, self.rate = options["strain"], options["inertial_number"]
-        self._frictions = options["compaction_friction"], options["friction"]
+    def __init__(self, scene: Scene, meter: Meter, shear: Shear) -> None:
+        super().__init__(scene, meter)
+        self.strain, self.rate = shear.strain, shear.rate
+        self._frictions = shear.compaction_friction, shear.friction
         self.gathered: float | None = None
         """When [t] the grains had been gathered."""
         self.begun: dict[str, Any] | None = None
@@ -298,6 +316,21 @@ class Staged(Trial):
         compaction, shear = self._frictions
         self.scene.engine.set_friction(shear if self.begun or compaction is None else compaction)
         self.scene.engine.set_drag(DRAG if self.gathered is not None and self.begun is None else 0.0)
+
+
+def shear_panels(series: Series, strain: str, label: str, part: str) -> list[Panel]:
+    """Return curves of τ/σ and dilation over a strain; ``part`` is what the stresses of the walls are those of."""
+    ratios = {
+        who: (
+            smoothed(series[strain]),
+            smoothed(series[f"shear_stress{end}"]) / smoothed(series[f"normal_stress{end}"]),
+        )
+        for who, end in ((part, ""), ("contacts", "_contacts"))
+    }
+    return [
+        Panel(label, "τ / σ", ratios),
+        Panel(label, "volumetric strain (dilation)", {"": (series[strain], series["volumetric_strain"])}),
+    ]
 
 
 def columns_of(names: tuple[str, ...]) -> dict[str, str]:

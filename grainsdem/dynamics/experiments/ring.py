@@ -3,26 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, Unpack
 
 import numpy as np
 
 from exporters.mjcf import MjcfOptions, units
 from grainsdem.dynamics.experiments.cells import Annulus
+from grainsdem.dynamics.experiments.registry import experiment
 from grainsdem.dynamics.experiments.rig import (
     JsonReport,
-    Outcome,
+    Shear,
     Staged,
     assemble,
-    check_frictions,
-    check_ranges,
     columns_of,
     crossing,
     highest,
     pressure_gravity,
+    shear_panels,
     smooth,
 )
-from grainsdem.dynamics.loop import Record
+from grainsdem.dynamics.experiments.shared import CompactionFriction, Friction, InertialNumber, NormalStress, Run
+from grainsdem.dynamics.experiments.start import as_asked
 from grainsdem.dynamics.mechanics import (
     coordination,
     sliding_fraction,
@@ -31,19 +32,19 @@ from grainsdem.dynamics.mechanics import (
     traction,
     velocity_profile,
 )
-from grainsdem.dynamics.starting import as_spheres
 from grainsdem.geometry.integrals import volumes
+from grainsdem.model import Packing
+from grainsdem.options import option
+from grainsdem.panels import Panel
 
 if TYPE_CHECKING:
-    import os
     from collections.abc import Mapping
 
     from numpy.typing import NDArray
 
-    from grainsdem.dynamics.experiments.rig import Tell
+    from grainsdem.dynamics.experiments.rig import Series
     from grainsdem.dynamics.mechanics import Snapshot
     from grainsdem.dynamics.scene import Scene
-    from grainsdem.model import Packing
 
     Floats = NDArray[np.float64]
 
@@ -156,50 +157,41 @@ class RingReport(JsonReport):
     halvings: int
 
 
+def _panels(series: Series, profile: Series) -> list[Panel]:
+    """Return curves of τ/σ and dilation over strain, and the profile of the velocity."""
+    curve = {"": (profile["velocity"], profile["height"])}
+    return [
+        *shear_panels(series, "shear_strain", "shear strain", "lid"),
+        Panel("speed around the axis / that of the lid", "height / that of the ring", {}, curve),
+    ]
+
+
+@experiment(panels=_panels, needs_seed=True)
 def ring_shear(
     packing: Packing,
     *,
-    normal_stress: float = 1e4,
-    strain: float = 2.0,
-    inertial_number: float = 1e-2,
-    friction: float = 0.5,
-    compaction_friction: float | None = None,
-    inner_radius: float | None = None,
-    outer_radius: float | None = None,
-    rng: np.random.Generator | int | None = None,
-    spheres: bool = False,
-    time_step: float = 0.01,
-    history_path: str | os.PathLike[str] | None = None,
-    resume: bool = False,
-    progress: Tell | None = None,
-) -> Outcome[RingReport]:
-    """Turn a rough lid on a ring of grains under a constant normal stress.
+    normal_stress: NormalStress = 1e4,
+    strain: Annotated[
+        float,
+        option("Shear strain to go to, of any size: the way of the lid at the mean radius over the height.", gt=0),
+    ] = 2.0,
+    inertial_number: InertialNumber = 1e-2,
+    friction: Friction = 0.5,
+    compaction_friction: CompactionFriction = None,
+    inner_radius: Annotated[float | None, option("Inner radius of the ring; by default as fits.", "m", gt=0)] = None,
+    outer_radius: Annotated[
+        float | None,
+        option("Outer radius of the ring; by default such that it is about as high as it is wide.", "m", gt=0),
+    ] = None,
+    **run: Unpack[Run],
+) -> _Ring:
+    """Turn a rough lid on a ring of grains under a constant normal stress: friction, dilation, profile.
 
     Parameters
     ----------
     packing : Packing
-        The grains; they are turned at random, reordered and set apart in the ring. The lowest and the topmost layer are
-        glued to floor and lid, and fixed.
-    normal_stress : float
-        On the lid [Pa].
-    strain : float
-        Shear strain to go to, of any size: the way of the lid at the mean radius over the height.
-    inertial_number : float
-        γ̇ d √(ρ/σ); below 1e-3 shear is quasi-static.
-    friction : float
-        Coefficient of friction among grains, and with the two plates; the walls within and around are smooth.
-    compaction_friction : float, optional
-        The same among grains while the bed is compressed: less makes a denser bed. As in shear by default.
-    inner_radius, outer_radius : float, optional
-        Radii of the ring [m]; by default such that it is about as high as it is wide.
-    rng : numpy.random.Generator, int or None
-        Source of randomness, or a seed for one.
-    spheres : bool
-        Whether each grain is replaced by the sphere of equal volume.
-    time_step : float
-        Time step in units of d √(ρ/σ).
-    history_path, resume, progress
-        As for `triaxial`.
+        The grains; they are turned at random, reordered and set apart in the ring, always. The lowest and the topmost
+        layer are glued to floor and lid, and fixed.
 
     Returns
     -------
@@ -213,53 +205,41 @@ def ring_shear(
         If an option is out of range, there are too few grains for the ring, or the packing is planar.
     UnstableError
         If the run goes wrong and three smaller time steps do not help.
+
+    Notes
+    -----
+    Grains have the same friction with the two plates; the walls within and around are smooth.
     """
-    check_ranges(normal_stress=normal_stress, strain=strain, inertial_number=inertial_number, time_step=time_step)
-    check_frictions(friction=friction, compaction_friction=compaction_friction)
-    grains = as_spheres(packing) if spheres else packing
-    annulus = Annulus(grains, inner_radius, outer_radius, rng=rng)
+    grains = as_asked(packing, run)
+    annulus = Annulus(grains, inner_radius, outer_radius, rng=run["rng"])
     options = MjcfOptions(
         friction=friction,
         wall_friction=0.0,
         gravity=pressure_gravity(grains, normal_stress),
-        time_step=time_step,
+        time_step=run["time_step"],
     )
     scales = units(annulus.packing, options.gravity)
     scene = assemble(
         annulus.packing,
         options,
         lambda apparatus: annulus.furnish(apparatus, scales, friction=friction),
-        spheres=spheres,
+        spheres=run["spheres"],
     )
-    told = {
-        "strain": strain,
-        "inertial_number": inertial_number,
-        "friction": friction,
-        "compaction_friction": compaction_friction,
-    }
-    run = _Ring(scene, annulus, Record(history_path, resume, told), progress, told)
-    run.run()
-    step = {"normal_stress": normal_stress, "time_step": time_step, "spheres": spheres, **told}
-    return Outcome(
-        scene.packing().with_step("ring_shear", **step), run.history(), run.report(), snapshot(scene), run.profile()
-    )
+    return _Ring(scene, annulus, Shear(strain, inertial_number, friction, compaction_friction))
 
 
-class _Ring(Staged):
+class _Ring(Staged[RingReport]):
     """Compression to rest, then shear."""
 
-    experiment = "ring_shear"
     columns: ClassVar[Mapping[str, str]] = columns_of(RingSample._fields)
 
-    def __init__(
-        self, scene: Scene, annulus: Annulus, record: Record, tell: Tell | None, options: Mapping[str, Any]
-    ) -> None:
+    def __init__(self, scene: Scene, annulus: Annulus, shear: Shear) -> None:
         self.annulus = annulus
         sizes = volumes(scene.source.grains) / scene.units.length**3
         self._volume = float(sizes.sum() - 0.5 * sizes[: 2 * annulus.n_glued].sum())
         self._speeds = np.zeros(LAYERS)
         self._counts = np.zeros(LAYERS)
-        super().__init__(scene, record, annulus.meter(scene.engine), tell, options)
+        super().__init__(scene, annulus.meter(scene.engine), shear)
 
     def drive(self) -> None:
         """Push the lid, and turn it once the bed is compressed."""

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from grainsdem.dynamics.starting import as_spheres
 from grainsdem.errors import InputError
 from grainsdem.geometry.rotations import multiply, random_quaternions
 from grainsdem.model import Domain, Packing
@@ -14,6 +15,8 @@ from grainsdem.packing.carve import select
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+    from grainsdem.dynamics.experiments.shared import Run
 
     Floats = NDArray[np.float64]
     Seed = np.random.Generator | int | None
@@ -27,6 +30,17 @@ NUDGE = 0.005
 VACANCIES = 0.5
 """Places that are left empty at random, relative to the grains: without them grains would stand in columns, which bear
 a load, and spheres would be pressed into a crystal."""
+
+
+def as_asked(packing: Packing, run: Run) -> Packing:
+    """Return the grains as they are, or the spheres of equal volume."""
+    return as_spheres(packing) if run["spheres"] else packing
+
+
+def in_block(packing: Packing, run: Run) -> Packing:
+    """Return the grains, or spheres, where they are, or with a seed set apart in a box."""
+    grains = as_asked(packing, run)
+    return grains if run["rng"] is None else set_apart_in_block(grains, rng=run["rng"])
 
 
 def pitch(packing: Packing) -> float:

@@ -3,27 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, Unpack
 
 import numpy as np
 
 from exporters.mjcf import MjcfOptions
+from grainsdem.dynamics.experiments.registry import experiment
 from grainsdem.dynamics.experiments.resting import Resting, pour
-from grainsdem.dynamics.experiments.rig import JsonReport, Outcome, assemble, check_frictions, check_ranges
-from grainsdem.dynamics.loop import Record
+from grainsdem.dynamics.experiments.rig import JsonReport, assemble
+from grainsdem.dynamics.experiments.shared import Friction, Gravity, Run, WallFriction
 from grainsdem.dynamics.mechanics import snapshot
-from grainsdem.dynamics.starting import as_spheres
-from grainsdem.errors import InputError
+from grainsdem.model import Packing
+from grainsdem.options import option
+from grainsdem.panels import Panel
 
 if TYPE_CHECKING:
-    import os
     from collections.abc import Mapping
 
     from numpy.typing import NDArray
 
-    from grainsdem.dynamics.experiments.rig import Tell
+    from grainsdem.dynamics.experiments.rig import Series
     from grainsdem.dynamics.scene import Scene
-    from grainsdem.model import Packing
 
     Floats = NDArray[np.float64]
 
@@ -99,45 +99,32 @@ class TiltReport(JsonReport):
     halvings: int
 
 
+def _panels(series: Series, profile: Series) -> list[Panel]:
+    """Return the share of the grains that have moved over the angle."""
+    del profile
+    gone = np.degrees(series["angle"]), 100 * series["gone_fraction"]
+    return [Panel("angle  [°]", "grains that have moved  [%]", {"": gone})]
+
+
+@experiment(panels=_panels)
 def tilt(
     packing: Packing,
     *,
-    friction: float = 0.5,
-    wall_friction: float | None = None,
-    gravity: float = 9.81,
-    rate: float = 0.01,
-    max_angle: float = np.pi / 3,
-    rng: np.random.Generator | int | None = None,
-    spheres: bool = False,
-    time_step: float = 0.01,
-    history_path: str | os.PathLike[str] | None = None,
-    resume: bool = False,
-    progress: Tell | None = None,
-) -> Outcome[TiltReport]:
-    """Turn gravity slowly towards +x until the bed fails.
+    friction: Friction = 0.5,
+    wall_friction: WallFriction = None,
+    gravity: Gravity = 9.81,
+    rate: Annotated[float, option("Angle by which gravity is turned in √(d/g).", "rad", gt=0)] = 0.01,
+    max_angle: Annotated[
+        float, option("Angle at which a bed that stands is given up.", "rad", gt=0, le=np.pi / 2)
+    ] = float(np.pi / 3),
+    **run: Unpack[Run],
+) -> _Tilt:
+    """Turn gravity slowly towards +x, as if the box were tilted, until the bed fails.
 
     Parameters
     ----------
     packing : Packing
         The bed, in a container that stays around it; `settle` it first, or give ``rng``.
-    friction : float
-        Coefficient of friction among grains.
-    wall_friction : float, optional
-        The same with floor and walls; as among grains by default.
-    gravity : float
-        Acceleration [m/s²].
-    rate : float
-        Angle [rad] by which gravity is turned in √(d/g).
-    max_angle : float
-        Angle [rad] at which a bed that stands is given up.
-    rng : numpy.random.Generator, int or None
-        Where given, grains are first turned at random, reordered and poured between the walls; it is the seed.
-    spheres : bool
-        Whether each grain is replaced by the sphere of equal volume.
-    time_step : float
-        Time step in units of √(d/g).
-    history_path, resume, progress
-        As for `triaxial`.
 
     Returns
     -------
@@ -157,24 +144,14 @@ def tilt(
     While the mean kinetic energy is above 1e-4 m g d gravity stands still, for 20 √(d/g) at most, so that an avalanche
     ends, or fails the bed, at the angle at which it began. A block slides within a degree of atan μ at a rate of 0.004.
     """
-    check_ranges(gravity=gravity, rate=rate, max_angle=max_angle, time_step=time_step)
-    check_frictions(friction=friction, wall_friction=wall_friction)
-    if max_angle > np.pi / 2:
-        raise InputError(f"max_angle must be at most π/2; got {max_angle}")
-    start = pour(as_spheres(packing) if spheres else packing, rng)
-    options = MjcfOptions(friction=friction, wall_friction=wall_friction, gravity=gravity, time_step=time_step)
-    scene = assemble(start, options, lambda _apparatus: None, spheres=spheres)
-    told = {"friction": friction, "wall_friction": wall_friction, "rate": rate, "max_angle": max_angle}
-    run = _Tilt(scene, Record(history_path, resume, told), progress, rate, max_angle)
-    run.run()
-    step = {"gravity": gravity, "time_step": time_step, "spheres": spheres, **told}
-    return Outcome(scene.packing().with_step("tilt", **step), run.history(), run.report(), snapshot(scene), {})
+    options = MjcfOptions(friction=friction, wall_friction=wall_friction, gravity=gravity, time_step=run["time_step"])
+    scene = assemble(pour(packing, run), options, lambda _apparatus: None, spheres=run["spheres"])
+    return _Tilt(scene, rate, max_angle)
 
 
-class _Tilt(Resting):
+class _Tilt(Resting[TiltReport]):
     """A bed that comes to rest level, and is then tilted."""
 
-    experiment = "tilt"
     columns: ClassVar[Mapping[str, str]] = {
         "time": "s",
         "stage": "0 level, 1 tilted",
@@ -184,8 +161,8 @@ class _Tilt(Resting):
         "gone_fraction": "1",
     }
 
-    def __init__(self, scene: Scene, record: Record, tell: Tell | None, rate: float, max_angle: float) -> None:
-        super().__init__(scene, record, tell, np.inf)
+    def __init__(self, scene: Scene, rate: float, max_angle: float) -> None:
+        super().__init__(scene, np.inf)
         self.rate, self.max_angle = rate, max_angle
         self.angle = 0.0
         self.held = 0

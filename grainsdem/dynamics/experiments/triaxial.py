@@ -3,44 +3,41 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, Unpack
 
 import numpy as np
 
 from exporters.mjcf import MjcfOptions, units
 from grainsdem.dynamics.experiments.cells import SixWalls
 from grainsdem.dynamics.experiments.cells.meter import LIMIT_SPEED
+from grainsdem.dynamics.experiments.registry import experiment
 from grainsdem.dynamics.experiments.rig import (
     JsonReport,
-    Outcome,
+    Shear,
     Staged,
     assemble,
-    check_frictions,
-    check_ranges,
     columns_of,
     highest,
     pressure_gravity,
     smooth,
 )
-from grainsdem.dynamics.experiments.start import set_apart_in_block
-from grainsdem.dynamics.loop import Record
+from grainsdem.dynamics.experiments.shared import CompactionFriction, Friction, InertialNumber, Run
+from grainsdem.dynamics.experiments.start import in_block
 from grainsdem.dynamics.mechanics import coordination, friction_angle, sliding_fraction, snapshot, stress
 from grainsdem.dynamics.mechanics.slopes import directions
-from grainsdem.dynamics.starting import as_spheres
-from grainsdem.errors import InputError
 from grainsdem.geometry.integrals import volumes
-from grainsdem.model import Domain
+from grainsdem.model import Domain, Packing
+from grainsdem.options import option
+from grainsdem.panels import Panel, smoothed
 
 if TYPE_CHECKING:
-    import os
     from collections.abc import Mapping
 
     from numpy.typing import NDArray
 
-    from grainsdem.dynamics.experiments.rig import Tell
+    from grainsdem.dynamics.experiments.rig import Series
     from grainsdem.dynamics.mechanics import Snapshot
     from grainsdem.dynamics.scene import Scene
-    from grainsdem.model import Packing
 
     Floats = NDArray[np.float64]
 
@@ -140,50 +137,38 @@ class TriaxialReport(JsonReport):
     halvings: int
 
 
+def _panels(series: Series, profile: Series) -> list[Panel]:
+    """Return curves of angle and dilation over strain."""
+    del profile
+    strain, angles = series["axial_strain"], {}
+    for name, suffix in (("walls", ""), ("contacts", "_contacts")):
+        axial, lateral = (smoothed(series[f"{side}_stress{suffix}"]) for side in ("axial", "lateral"))
+        angles[name] = smoothed(strain), np.degrees(np.arcsin((axial - lateral) / (axial + lateral)))
+    return [
+        Panel("axial strain", "mobilised friction angle  [°]", angles),
+        Panel("axial strain", "volumetric strain (dilation)", {"": (strain, series["volumetric_strain"])}),
+    ]
+
+
+@experiment(panels=_panels)
 def triaxial(
     packing: Packing,
     *,
-    confining_pressure: float = 1e5,
-    strain: float = 0.4,
-    inertial_number: float = 1e-2,
-    friction: float = 0.5,
-    compaction_friction: float | None = None,
-    rng: np.random.Generator | int | None = None,
-    spheres: bool = False,
-    time_step: float = 0.01,
-    history_path: str | os.PathLike[str] | None = None,
-    resume: bool = False,
-    progress: Tell | None = None,
-) -> Outcome[TriaxialReport]:
-    """Compress a bed by six smooth walls, then shorten it along its height while the side walls hold the pressure.
+    confining_pressure: Annotated[float, option("Pressure σ3 on the side walls.", "Pa", gt=0)] = 1e5,
+    strain: Annotated[float, option("Axial strain to go to, the shortening over the height.", gt=0, lt=0.9)] = 0.4,
+    inertial_number: InertialNumber = 1e-2,
+    friction: Friction = 0.5,
+    compaction_friction: CompactionFriction = None,
+    **run: Unpack[Run],
+) -> _Triaxial:
+    """Compress a bed between six smooth walls and shear it: angles of friction, dilation.
+
+    The side walls hold a pressure while the bed is shortened along its height.
 
     Parameters
     ----------
     packing : Packing
         Grains free of overlap. In planar work there are four walls and the height is along y: a biaxial test.
-    confining_pressure : float
-        σ3 [Pa].
-    strain : float
-        Axial strain to go to, the shortening over the height.
-    inertial_number : float
-        ε̇ d √(ρ/σ3); below 1e-3 loading is quasi-static, and 1e-2 raises the angles by a degree or so.
-    friction : float
-        Coefficient of friction among grains; the walls are smooth.
-    compaction_friction : float, optional
-        The same while the bed is compressed: less makes a denser bed. As in shear by default.
-    rng : numpy.random.Generator, int or None
-        Where given, grains are first turned at random, reordered and set apart on a lattice; it is the seed. Without
-        it they start where they are, and cells left in place may lock like a jigsaw.
-    spheres : bool
-        Whether each grain is replaced by the sphere of equal volume.
-    time_step : float
-        Time step in units of d √(ρ/σ3).
-    history_path : str or path-like, optional
-        HDF5 file that the history is appended to while the run goes.
-    resume : bool
-        Whether to go on from the checkpoint of an interrupted run with that history.
-    progress : callable, optional
-        Called with the fraction done and a few words at every sample.
 
     Returns
     -------
@@ -201,38 +186,17 @@ def triaxial(
     -----
     The walls that hold a pressure are pushed with that pressure times the present area between the others; the
     two across the height are then driven at ε̇ times the present height. Stresses on walls are means over time from the
-    momentum that they took.
+    momentum that they took. The walls are smooth.
     """
-    check_ranges(confining_pressure=confining_pressure, strain=strain, inertial_number=inertial_number)
-    check_ranges(time_step=time_step)
-    check_frictions(friction=friction, compaction_friction=compaction_friction)
-    if strain >= 0.9:
-        raise InputError(f"strain must be below 0.9, the shortening over the height; got {strain}")
-    grains = as_spheres(packing) if spheres else packing
-    start = grains if rng is None else set_apart_in_block(grains, rng=rng)
-    options = MjcfOptions(
+    start = in_block(packing, run)
+    cell_options = MjcfOptions(
         friction=friction,
         gravity=pressure_gravity(start, confining_pressure),
-        time_step=time_step,
+        time_step=run["time_step"],
         walls="none",
     )
-    scene, cell = _build(start, options, spheres=spheres)
-    told = {
-        "strain": strain,
-        "inertial_number": inertial_number,
-        "friction": friction,
-        "compaction_friction": compaction_friction,
-    }
-    run = _Triaxial(scene, cell, Record(history_path, resume, told), progress, told)
-    run.run()
-    step = {"confining_pressure": confining_pressure, "time_step": time_step, "spheres": spheres, **told}
-    return Outcome(
-        run.packing().with_step("triaxial", **step),
-        run.history(),
-        run.report(),
-        snapshot(scene),
-        {},
-    )
+    scene, cell = _build(start, cell_options, spheres=run["spheres"])
+    return _Triaxial(scene, cell, Shear(strain, inertial_number, friction, compaction_friction))
 
 
 def _build(packing: Packing, options: MjcfOptions, *, spheres: bool) -> tuple[Scene, SixWalls]:
@@ -241,19 +205,16 @@ def _build(packing: Packing, options: MjcfOptions, *, spheres: bool) -> tuple[Sc
     return assemble(packing, options, cell.furnish, spheres=spheres), cell
 
 
-class _Triaxial(Staged):
+class _Triaxial(Staged[TriaxialReport]):
     """Compression to rest, then shear."""
 
-    experiment = "triaxial"
     columns: ClassVar[Mapping[str, str]] = columns_of(TriaxialSample._fields)
 
-    def __init__(
-        self, scene: Scene, cell: SixWalls, record: Record, tell: Tell | None, options: Mapping[str, Any]
-    ) -> None:
+    def __init__(self, scene: Scene, cell: SixWalls, shear: Shear) -> None:
         self.cell, self.axis = cell, scene.up
         self.lateral = tuple(axis for axis in cell.axes if axis != self.axis)
         self._volume = float(volumes(scene.source.grains).sum()) / scene.units.length**3
-        super().__init__(scene, record, cell.meter(scene.engine), tell, options)
+        super().__init__(scene, cell.meter(scene.engine), shear)
 
     def drive(self) -> None:
         """Push the walls, and drive two of them once the bed is compressed."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,37 +11,17 @@ from grainsdem.figures.frame import BLUE, GREY, INK, RED, check_suffix, drawing
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
     from pathlib import Path
 
     from matplotlib.axes import Axes
     from numpy.typing import ArrayLike, NDArray
 
+    from grainsdem.panels import Panel
+
     Floats = NDArray[np.float64]
 
 _COLOURS = (BLUE, RED, INK, "#4f7f4f", "#8a6bb1", GREY)
-
-_SMOOTHED = 40
-"""Points that a curve is smoothed to, each the mean of those around it: forces of a few hundred grains fluctuate."""
-
-
-class Panel(NamedTuple):
-    """One set of axes.
-
-    Parameters
-    ----------
-    x_label, y_label : str
-        What the axes show.
-    curves : mapping of str to tuple of array_like
-        For each name x, y, and, where there is a third one, half the width of a band around y; each of shape (n,).
-    points : mapping of str to tuple of array_like
-        The same for what is drawn as dots.
-    """
-
-    x_label: str
-    y_label: str
-    curves: Mapping[str, tuple[ArrayLike, ...]]
-    points: Mapping[str, tuple[ArrayLike, ...]] = {}
 
 
 def curve_figure(panels: Sequence[Panel], path: str | os.PathLike[str]) -> Path:
@@ -74,114 +54,6 @@ def curve_figure(panels: Sequence[Panel], path: str | os.PathLike[str]) -> Path:
     return target
 
 
-def experiment_figure(
-    history: Mapping[str, ArrayLike],
-    path: str | os.PathLike[str],
-    *,
-    profile: Mapping[str, ArrayLike] | None = None,
-) -> Path:
-    """Draw what an experiment measured: stresses or angles over strain or time, and its profile where it has one.
-
-    Parameters
-    ----------
-    history : mapping of str to array_like
-        Series of a compaction, tapping, triaxial, ring shear, direct shear, collapse or tilt experiment.
-    path : str or path-like
-        Ends in ``.png``.
-    profile : mapping of str to array_like, optional
-        ``height`` and ``velocity`` of a ring shear test, ``distance`` and ``height`` of a heap, or ``taps`` and
-        ``porosity``.
-
-    Raises
-    ------
-    FileFormatError, InputError, WriteError
-        If the suffix is another, the history is of no such experiment, or the file cannot be written.
-    """
-    return curve_figure([*experiment_panels(history), *_profile_panels(profile or {})], path)
-
-
-def experiment_panels(history: Mapping[str, ArrayLike]) -> list[Panel]:
-    """Return the panels that show an experiment's history: its second stage, after compression or rest.
-
-    Of compaction and of tapping it is the whole.
-    """
-    if "porosity" in history:
-        return _compaction_panels({name: np.asarray(values, dtype=np.float64) for name, values in history.items()})
-    if "stage" not in history:
-        raise InputError("the history has no stages: it is of no experiment that has curves")
-    series = {name: np.asarray(values, dtype=np.float64) for name, values in history.items()}
-    chosen = series["stage"] == 1.0
-    if not chosen.any():
-        raise InputError("there is nothing to draw: the experiment never came to its second stage")
-    series = {name: values[chosen] for name, values in series.items()}
-    if "axial_strain" in series:
-        return _triaxial_panels(series)
-    for strain, label in (("shear_strain", "shear strain"), ("displacement", "displacement over length of the box")):
-        if strain in series and "friction" in series:
-            return _shear_panels(series, strain, label)
-    if "run_out" in series:
-        return [
-            Panel("time  [s]", "length  [m]", {name.replace("_", "-"): (series["time"], series[name]) for name in pair})
-            for pair in (("height", "run_out"),)
-        ]
-    if "gone_fraction" in series:
-        gone = 100 * series["gone_fraction"]
-        return [Panel("angle  [°]", "grains that have moved  [%]", {"": (np.degrees(series["angle"]), gone)})]
-    raise InputError(f"the history is of no experiment that has curves; it has {', '.join(history)}")
-
-
-def _compaction_panels(series: Mapping[str, Floats]) -> list[Panel]:
-    panels = [Panel("time  [s]", "porosity", {"": (series["time"], series["porosity"])})]
-    if "pressure" in series:
-        names = {"walls": "pressure", "contacts": "pressure_contacts"}
-        panels.append(
-            Panel("time  [s]", "pressure  [Pa]", {who: (series["time"], series[name]) for who, name in names.items()})
-        )
-    return panels
-
-
-def _triaxial_panels(series: Mapping[str, Floats]) -> list[Panel]:
-    strain = series["axial_strain"]
-    angles = {}
-    for name, suffix in (("walls", ""), ("contacts", "_contacts")):
-        axial, lateral = (_smoothed(series[f"{side}_stress{suffix}"]) for side in ("axial", "lateral"))
-        angles[name] = _smoothed(strain), np.degrees(np.arcsin((axial - lateral) / (axial + lateral)))
-    return [
-        Panel("axial strain", "mobilised friction angle  [°]", angles),
-        Panel("axial strain", "volumetric strain (dilation)", {"": (strain, series["volumetric_strain"])}),
-    ]
-
-
-def _shear_panels(series: Mapping[str, Floats], name: str, label: str) -> list[Panel]:
-    strain = series[name]
-    ratios = {
-        "lid" if name == "shear_strain" else "box": (
-            _smoothed(strain),
-            _smoothed(series["shear_stress"]) / _smoothed(series["normal_stress"]),
-        ),
-        "contacts": (
-            _smoothed(strain),
-            _smoothed(series["shear_stress_contacts"]) / _smoothed(series["normal_stress_contacts"]),
-        ),
-    }
-    return [
-        Panel(label, "τ / σ", ratios),
-        Panel(label, "volumetric strain (dilation)", {"": (strain, series["volumetric_strain"])}),
-    ]
-
-
-def _profile_panels(profile: Mapping[str, ArrayLike]) -> list[Panel]:
-    if "velocity" in profile:
-        curve = (profile["velocity"], profile["height"])
-        return [Panel("speed around the axis / that of the lid", "height / that of the ring", {}, {"": curve})]
-    if "taps" in profile:
-        return [Panel("taps", "porosity at rest", {}, {"": (profile["taps"], profile["porosity"])})]
-    if "distance" in profile:
-        curve = (profile["distance"], profile["height"])
-        return [Panel("distance  [m]", "height of the surface  [m]", {}, {"": curve})]
-    return []
-
-
 def _draw(axes: Axes, panel: Panel) -> None:
     """Draw the curves, bands and dots of one panel."""
     names = [*panel.curves, *(name for name in panel.points if name not in panel.curves)]
@@ -210,8 +82,3 @@ def _series(name: str, rows: tuple[ArrayLike, ...]) -> list[Floats]:
         shapes = ", ".join(str(row.shape) for row in arrays)
         raise ShapeError(f"curve {name!r} must be two or three series of the same shape (n,); got {shapes}")
     return arrays
-
-
-def _smoothed(values: Floats) -> Floats:
-    """Return means of equal parts of a series."""
-    return np.array([part.mean() for part in np.array_split(values, min(_SMOOTHED, len(values)))])

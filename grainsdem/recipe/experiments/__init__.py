@@ -1,25 +1,6 @@
 """Experiments in a recipe: their tables, and how they are run on what was grown or settled."""
 
 from grainsdem.recipe.experiments.performing import perform, perform_all, write_replays
-from grainsdem.recipe.experiments.tables import (
-    CollapseTable,
-    CompactTable,
-    ExperimentTable,
-    ShearTable,
-    TapTable,
-    TiltTable,
-    TriaxialTable,
-)
+from grainsdem.recipe.experiments.tables import ExperimentTable, experiment_tables
 
-__all__ = [
-    "CollapseTable",
-    "CompactTable",
-    "ExperimentTable",
-    "ShearTable",
-    "TapTable",
-    "TiltTable",
-    "TriaxialTable",
-    "perform",
-    "perform_all",
-    "write_replays",
-]
+__all__ = ["ExperimentTable", "experiment_tables", "perform", "perform_all", "write_replays"]

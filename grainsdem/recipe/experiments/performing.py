@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import exporters
 from grainsdem import dynamics, storage
 from grainsdem.errors import UnstableError
-from grainsdem.figures.curves import experiment_figure
+from grainsdem.figures.curves import curve_figure
 from grainsdem.figures.motion import animate
 from grainsdem.recipe.words import noting
 
@@ -44,11 +44,9 @@ def perform(
         As for `grainsdem.dynamics.triaxial`.
     """
     seed = rng if table.start == "random" else None
-    function = getattr(dynamics, table.call)
-    outcome: Outcome[Any] = function(
+    return table.experiment.function(
         packing, **table.options(), rng=seed, history_path=history_path, resume=resume, progress=progress
     )
-    return outcome
 
 
 def perform_all(
@@ -106,8 +104,8 @@ def perform_all(
             outcome = _keeping(table, packing, folder / f"{name}.h5", rng=rng, history_path=path, progress=tell)
         files += [storage.save(outcome.packing, folder / f"{name}.h5"), path]
         summaries[name] = outcome.report.to_dict()
-        if with_figures:
-            files.append(experiment_figure(outcome.history, folder / f"{name}.png", profile=outcome.profile))
+        if with_figures and outcome.panels:
+            files.append(curve_figure(outcome.panels, folder / f"{name}.png"))
         files += write_replays(outcome.packing, path, folder / f"{name}_replay", replays, monitor, refused=refused)
     return files, summaries
 
@@ -151,7 +149,7 @@ def _repeat(
 ) -> Ensemble:
     """Run an experiment with several seeds."""
     return dynamics.ensemble(
-        getattr(dynamics, table.call),
+        table.experiment.function,
         packing,
         seeds=range(rng, rng + table.seeds),
         history_folder=folder,

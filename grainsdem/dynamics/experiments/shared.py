@@ -1,0 +1,71 @@
+"""Options that several experiments have, each said once."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any, TypedDict
+
+from grainsdem.options import option
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Callable
+
+    import numpy as np
+
+Friction = Annotated[float, option("Coefficient of friction among grains.", ge=0)]
+
+WallFriction = Annotated[float | None, option("The same with floor and walls; by default as among grains.", ge=0)]
+
+CompactionFriction = Annotated[
+    float | None,
+    option("The same while the bed is compressed: less makes a denser bed; by default as afterwards.", ge=0),
+]
+
+InertialNumber = Annotated[
+    float,
+    option("Rate of strain times d √(ρ/σ): below 1e-3 loading is quasi-static, 1e-2 adds a degree or so.", gt=0),
+]
+
+NormalStress = Annotated[float, option("Load on the lid over its area.", "Pa", gt=0)]
+
+Gravity = Annotated[float, option("Acceleration of gravity.", "m/s²", gt=0)]
+
+
+class Run(TypedDict, total=False):
+    """How any experiment is run: what each of them takes besides its own options; see `NOTES`."""
+
+    spheres: Annotated[bool, option("Replace each grain by the sphere of equal volume.")]
+    time_step: Annotated[float, option("Time step in units of t = √(d/g), or d √(ρ/P) under a pressure P.", gt=0)]
+    rng: np.random.Generator | int | None
+    history_path: str | os.PathLike[str] | None
+    resume: bool
+    progress: Callable[[float, str], None] | None
+
+
+DEFAULTS: dict[str, Any] = {
+    "spheres": False,
+    "time_step": 0.01,
+    "rng": None,
+    "history_path": None,
+    "resume": False,
+    "progress": None,
+}
+"""What a run has where it is not told otherwise."""
+
+SEED = (
+    "Where given, grains are first turned at random, reordered and set apart or poured; it is the seed. Without it "
+    "they start where they are, and cells left in place may lock like a jigsaw."
+)
+
+"""What is said of the seed."""
+
+NOTES: dict[str, tuple[str, str]] = {
+    "rng": ("numpy.random.Generator, int or None", SEED),
+    "history_path": (
+        "str or path-like, optional",
+        "HDF5 file that the history is appended to while the run goes.",
+    ),
+    "resume": ("bool", "Whether to go on from the checkpoint of an interrupted run with that history."),
+    "progress": ("callable, optional", "Called with the fraction done and a few words at every sample."),
+}
+"""Type and sentence of what is no option of the experiment, but of how it is run."""

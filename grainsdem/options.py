@@ -1,0 +1,169 @@
+"""Options that are said once: type, range, unit and help, for signatures, commands, recipes and pages alike.
+
+An option is a parameter of a function whose annotation carries what `option` returns. `model_of` makes of a function's
+options a frozen model, and `checked` the values of a call, with one line for what is wrong.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, get_args, get_origin
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
+
+from grainsdem.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from pydantic.fields import FieldInfo
+
+_KIND = re.compile(r"(constrained-)?(str|int|float|bool|none)|(literal|tuple|list|sequence)\[.*|function-.*")
+"""What pydantic puts behind a key that takes values of several kinds."""
+
+_LIMITS = {"gt": "above", "ge": "at least", "lt": "below", "le": "at most"}
+"""Words for the limits of a range."""
+
+
+def option(help: str, unit: str = "", **limits: float) -> Any:  # noqa: A002  (what typer and argparse call it)
+    """Return what an option's annotation carries.
+
+    Parameters
+    ----------
+    help : str
+        What it is: one sentence, without unit, range and default, which are told beside it.
+    unit : str
+        Its unit, such as ``"Pa"``; none for a plain number or a word.
+    **limits : float
+        Its range: ``gt``, ``ge``, ``lt``, ``le``.
+
+    Examples
+    --------
+    >>> from typing import Annotated
+    >>> Pressure = Annotated[float, option("Pressure of the walls.", "Pa", gt=0)]
+    """
+    told: dict[str, Any] = dict(limits)
+    return Field(description=help, json_schema_extra={"unit": unit} if unit else None, **told)
+
+
+STRICT = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+"""What models of options are: a text or a yes is no number, and no number is infinite."""
+
+
+class Told(NamedTuple):
+    """What is told of an option.
+
+    Parameters
+    ----------
+    name, kind, unit, allowed, help : str
+        Its name, type, unit, range and sentence; unit and range may be empty.
+    default : object
+        Its value where none is given.
+    annotation : object
+        Its type.
+    """
+
+    name: str
+    kind: str
+    unit: str
+    allowed: str
+    help: str
+    default: Any
+    annotation: Any
+
+
+def model_of(function: Callable[..., Any], name: str) -> type[BaseModel]:
+    """Return the frozen model of a function's options: of its parameters whose annotation carries an `option`."""
+    fields: dict[str, Any] = {}
+    for parameter in inspect.signature(function).parameters.values():
+        kind = annotation_of(function, parameter)
+        if get_origin(kind) is Annotated:
+            fields[parameter.name] = (kind, ... if parameter.default is parameter.empty else parameter.default)
+    return create_model(name, __config__=STRICT, **fields)
+
+
+def annotation_of(function: Callable[..., Any], parameter: inspect.Parameter) -> Any:
+    """Return a parameter's annotation; text that cannot be read, such as of what only a type checker sees, stays."""
+    if not isinstance(parameter.annotation, str):
+        return parameter.annotation
+    try:
+        return eval(parameter.annotation, inspect.unwrap(function).__globals__)  # noqa: S307  (as `typing` does)
+    except (NameError, AttributeError, TypeError):
+        return parameter.annotation
+
+
+def checked(model: type[BaseModel], given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values of all options of a model, those that are not given by default.
+
+    Raises
+    ------
+    InputError
+        If an option is unknown, missing, of another type or out of range: each in one line, with what is allowed.
+    """
+    plain = {name: value.item() if isinstance(value, np.generic) else value for name, value in given.items()}
+    try:
+        values = dict(model.model_validate(plain))
+    except ValidationError as error:
+        raise InputError(explained(error, lambda _path: model)) from error
+    return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
+
+
+def told_of(field: FieldInfo, name: str) -> Told:
+    """Return what is told of a field of a model."""
+    extra = field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
+    allowed = [
+        f"{words} {getattr(limit, key):g}"
+        for key, words in _LIMITS.items()
+        for limit in field.metadata
+        if hasattr(limit, key)
+    ]
+    return Told(
+        name, kind_of(field.annotation), str(extra.get("unit", "")), ", ".join(allowed), field.description or "",
+        field.default, field.annotation,
+    )  # fmt: skip
+
+
+def kind_of(annotation: Any) -> str:
+    """Return a type as it is told: words of a choice are quoted, and what may be left out is ``optional``."""
+    options = [kind for kind in get_args(annotation) if kind is not type(None)]
+    if len(options) < len(get_args(annotation)):
+        return f"{kind_of(options[0])}, optional"
+    if options and all(isinstance(word, str) for word in options):
+        return f"{{{', '.join(repr(word) for word in options)}}}"
+    if options:
+        return f"{get_origin(annotation).__name__.lower()} of {kind_of(options[0])}"
+    return str(getattr(annotation, "__name__", annotation))
+
+
+def explained(error: ValidationError, table_at: Callable[[Sequence[Any]], type[BaseModel]]) -> str:
+    """Return pydantic's errors in one line: for each key where, what was given and what is allowed.
+
+    Parameters
+    ----------
+    error : pydantic.ValidationError
+        The errors.
+    table_at : callable
+        Returns the model that keys lead to, for the names that it allows.
+    """
+    found: dict[tuple[Any, ...], list[Any]] = {}
+    for item in error.errors():
+        # A value of several kinds has an error for each kind.
+        key = tuple(part for part in item["loc"] if not _KIND.fullmatch(str(part)))
+        found.setdefault(key, []).append({**item, "loc": key})
+    return "; ".join(_explain(items, table_at) for items in found.values())
+
+
+def _explain(items: list[Any], table_at: Callable[[Sequence[Any]], type[BaseModel]]) -> str:
+    """Return pydantic's errors of one key as a line that says where, what was given and what is allowed."""
+    item = items[0]
+    where = ".".join(str(part) for part in item["loc"]) or "recipe"
+    if item["type"] == "extra_forbidden":
+        return f"{where}: unknown key; allowed are {', '.join(table_at(item['loc'][:-1]).model_fields)}"
+    if item["type"] == "missing":
+        return f"{where}: missing"
+    messages = [item["msg"].removeprefix("Value error, ") for item in items]
+    message = ", or ".join([messages[0], *(text.removeprefix("Input should be ") for text in messages[1:])])
+    shown = f"; got {item['input']!r}" if not isinstance(item["input"], dict) else ""
+    return f"{where}: {message[0].lower()}{message[1:]}{shown}"
