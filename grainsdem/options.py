@@ -73,6 +73,16 @@ class Told(NamedTuple):
     default: Any
     annotation: Any
 
+    def line(self) -> str:
+        """Return unit, range, default and sentence in one line."""
+        default = "" if self.default is None else f"default {self.default:g}" if _is_number(self.default) else ""
+        notes = "; ".join(part for part in (self.unit, self.allowed, default) if part)
+        return f"{self.help} [{notes}]" if notes else self.help
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
 
 def model_of(function: Callable[..., Any], name: str) -> type[BaseModel]:
     """Return the frozen model of a function's options: of its parameters whose annotation carries an `option`."""

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
+from rich.text import Text
 
 from grainsdem.errors import name_offenders
 
@@ -135,18 +136,18 @@ def print_info(console: Console, title: str, facts: dict[str, Any]) -> None:
     table = Table(title=title, title_justify="left", title_style="bold", show_header=False)
     for key, value in facts.items():
         if key != "provenance":
-            table.add_row(key.replace("_", " "), str(value))
+            table.add_row(key.replace("_", " "), Text(str(value)))
     for step in facts["provenance"]:
         options = ", ".join(f"{k} = {v}" for k, v in step.items() if k != "step" and v is not None)
-        table.add_row(f"step: {step['step']}", options)
+        table.add_row(Text(f"step: {step['step']}"), Text(options))
     console.print(table)
 
 
 def print_facts(console: Console, title: str, facts: dict[str, str]) -> None:
     """Print names and values."""
-    table = Table(title=title, title_justify="left", title_style="bold", show_header=False)
+    table = Table(title=Text(title), title_justify="left", title_style="bold", show_header=False)
     for name, value in facts.items():
-        table.add_row(name, value)
+        table.add_row(Text(name), Text(value))  # not markup: what is told may come from a file
     console.print(table)
 
 

@@ -161,13 +161,13 @@ def test_a_cube_is_thrown_as_high_as_the_floor_throws_it():
 def test_what_compaction_cannot_do_is_refused(few):
     with pytest.raises(InputError, match="below that of the start"):
         compact(few, rng=1, porosity=0.99)
-    with pytest.raises(InputError, match="between 0 and 1"):
+    with pytest.raises(InputError, match="porosity: input should be greater than 0; got 0"):
         compact(few, porosity=0.0)
-    with pytest.raises(InputError, match="pressure must be positive"):
+    with pytest.raises(InputError, match="pressure: input should be greater than 0; got -1"):
         compact(few, pressure=-1.0)
-    with pytest.raises(InputError, match="taps must be 1"):
+    with pytest.raises(InputError, match="taps: input should be greater than or equal to 1; got 0"):
         tap(few, taps=0)
-    with pytest.raises(InputError, match="amplitude must be positive"):
+    with pytest.raises(InputError, match="amplitude: input should be greater than 0; got 0"):
         tap(few, amplitude=0.0)
     funnel = Domain.hopper((8e-3, 8e-3), (2e-3, 2e-3), 6e-3)
     with pytest.raises(InputError, match="upright"):

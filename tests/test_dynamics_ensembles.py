@@ -130,7 +130,7 @@ def test_an_experiment_without_a_seed_is_no_ensemble(cube):
         ({"through": "magic"}, "'batch' or 'processes'"),
         ({"strian": 0.1}, "triaxial takes confining_pressure, strain, .*; no such option: strian"),
         ({"resume": True}, "no such option: resume"),
-        ({"friction": "high"}, "friction must be zero or more; got high"),
+        ({"friction": "high"}, "friction: input should be a valid number; got 'high'"),
     ],
 )
 def test_what_an_ensemble_cannot_do_is_refused(cube, options, words):

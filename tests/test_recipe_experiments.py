@@ -4,9 +4,9 @@ import json
 
 import pytest
 
-from grainsdem import recipe
 from grainsdem.errors import InputError
 from grainsdem.recipe import make, run
+from grainsdem.recipe.experiments import experiment_tables
 from grainsdem.storage import load, load_history
 
 BED = {"domain": {"side": 3e-3}, "seeds": {"count": 27}, "grains": {"porosity": 0.4}}
@@ -35,7 +35,7 @@ def test_a_recipes_experiments_are_run_and_written(tmp_path):
 @pytest.mark.unit
 def test_a_recipe_without_experiments_tells_nothing_of_them():
     told = make(**BED).model_dump(mode="json")
-    assert not {"triaxial", "shear", "collapse", "tilt"} & set(told)
+    assert not set(experiment_tables()) & set(told)
     assert make(**{**BED, "tilt": {}}).model_dump()["tilt"]["rate"] == 0.01
 
 
@@ -45,9 +45,11 @@ def test_a_recipe_without_experiments_tells_nothing_of_them():
     [
         ({"triaxial": {"strain": 1.5}}, "triaxial.strain"),
         ({"triaxial": {"stress": 1.0}}, "unknown key; allowed are"),
-        ({"shear": {"kind": "cube"}}, "shear.kind"),
-        ({"shear": {"kind": "box", "inner_radius": 1e-3}}, "of a ring"),
-        ({"shear": {"start": "place"}}, "always set apart"),
+        ({"shear": {"kind": "box"}}, r"shear: no such table; a ring is \[ring_shear\], a box"),
+        ({"direct_shear": {"inner_radius": 1e-3}}, "direct_shear.inner_radius: unknown key; allowed are start, seeds"),
+        ({"ring_shear": {"start": "place"}}, "ring_shear: ring_shear always sets grains apart"),
+        ({"tap": {"taps": 1.5}}, "tap.taps: input should be a valid integer; got 1.5"),
+        ({"tilt": {"friction": True}}, "tilt.friction: input should be a valid number; got True"),
         ({"tilt": {"max_angle": 3.0}}, "tilt.max_angle"),
         ({"collapse": {"seeds": 3, "start": "place"}}, "several seeds"),
         ({"collapse": {"release": []}}, "collapse.release"),
@@ -56,25 +58,3 @@ def test_a_recipe_without_experiments_tells_nothing_of_them():
 def test_what_an_experiment_cannot_be_is_refused_by_its_key(table, words):
     with pytest.raises(InputError, match=words):
         make(**BED, **table)
-
-
-@pytest.mark.unit
-def test_each_table_calls_its_function_with_options_that_it_takes():
-    from inspect import signature
-
-    from grainsdem import dynamics
-
-    tables = [
-        recipe.experiments.TriaxialTable(),
-        recipe.experiments.ShearTable(strain=1.0),
-        recipe.experiments.ShearTable(kind="box", strain=0.1),
-        recipe.experiments.CollapseTable(),
-        recipe.experiments.TiltTable(),
-    ]
-    assert [table.call for table in tables] == ["triaxial", "ring_shear", "direct_shear", "collapse", "tilt"]
-    for table in tables:
-        allowed = signature(getattr(dynamics, table.call)).parameters
-        assert set(table.options()) <= set(allowed)
-        defaults = {name: allowed[name].default for name in table.options()}
-        given = {name: value for name, value in table.options().items() if name not in ("strain", "displacement")}
-        assert given == {name: defaults[name] for name in given}

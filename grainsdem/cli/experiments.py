@@ -69,7 +69,9 @@ def _command(name: str) -> Any:
         found = registry.find(name)
     except GrainsDEMError as error:
         raise typer.BadParameter(str(error)) from None
-    info = CommandInfo(name=name, callback=guarded(_callback(found)), help=f"{found.summary.removesuffix('.')} (MuJoCo).")
+    info = CommandInfo(
+        name=name, callback=guarded(_callback(found)), help=f"{found.summary.removesuffix('.')} (MuJoCo)."
+    )
     return get_command_from_info(info, pretty_exceptions_short=False, rich_markup_mode=app.rich_markup_mode)
 
 
@@ -106,6 +108,29 @@ def _annotation(told: Told) -> Any:
         if get_origin(part) is Sequence:
             kind, words = list[str] | None, f"{words} May be repeated."
     return Annotated[kind, typer.Option(*flags, help=words)]
+
+
+@app.command()
+@guarded
+def experiments(
+    name: Annotated[str | None, typer.Argument(help="Tell the options of this one.", show_default=False)] = None,
+    markdown: Annotated[bool, typer.Option("--markdown", help="Print a page in Markdown.")] = False,
+    json_: Annotated[bool, typer.Option("--json", help="Print JSON schemas of the options.")] = False,
+) -> None:
+    """List the experiments, those of other packages among them, or the options of one."""
+    from grainsdem.dynamics.experiments import registry
+    from grainsdem.screen import print_facts
+
+    chosen = registry.known() if name is None else {name: registry.find(name)}
+    if json_:
+        print_json({found.name: found.schema() for found in chosen.values()})
+    elif markdown:
+        out.print("\n".join(found.page() for found in chosen.values()), markup=False, highlight=False, end="")
+    elif name is None:
+        print_facts(out, "experiments", {found.name: found.summary for found in chosen.values()})
+    else:
+        found = chosen[name]
+        print_facts(out, f"{found.name}: {found.summary}", {told.name: told.line() for told in found.told()})
 
 
 @app.command()

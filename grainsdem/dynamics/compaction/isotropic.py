@@ -280,15 +280,6 @@ class _Compact(Trial[CompactReport]):
             self.begun = now.time
             self._enter()
 
-    def in_si(self, row: CompactSample) -> CompactSample:
-        """Return a sample as it is stored."""
-        scales = self.scene.units
-        return row._replace(
-            time=row.time * scales.time,
-            pressure=row.pressure * scales.stress,
-            pressure_contacts=row.pressure_contacts * scales.stress,
-        )
-
     def memory(self) -> dict[str, Any]:
         """Return what the run remembers besides state and samples, as JSON values."""
         return {**super().memory(), "begun": self.begun, "aim": self.aim}

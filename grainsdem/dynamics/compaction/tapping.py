@@ -186,7 +186,7 @@ def tap(
     first = begin(packing, start="place" if run["rng"] is None else "pour", spheres=run["spheres"], rng=run["rng"])
     height = 0.5 if amplitude is None else amplitude / units(first, gravity).length
     options = MjcfOptions(friction=friction, wall_friction=wall_friction, gravity=gravity, time_step=run["time_step"])
-    scene = assemble(first, options, lambda _apparatus: None, spheres=run["spheres"])
+    scene = assemble(first, options, spheres=run["spheres"])
     return _Tap(scene, options, Shaking(taps, height, acceleration))
 
 
@@ -257,11 +257,6 @@ class _Tap(Trial[TapReport]):
             self.all_at_rest &= at_rest
             self.rests.append(now.porosity)
             self.begun = now.time
-
-    def in_si(self, row: TapSample) -> TapSample:
-        """Return a sample as it is stored."""
-        scales = self.scene.units
-        return row._replace(time=row.time * scales.time, height=row.height * scales.length)
 
     def memory(self) -> dict[str, Any]:
         """Return what the run remembers besides state and samples, as JSON values."""

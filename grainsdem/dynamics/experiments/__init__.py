@@ -1,21 +1,40 @@
-"""Experiments on beds: triaxial compression, ring shear, direct shear, collapse and tilt."""
+"""Experiments on beds, and what one writes another experiment with (docs/your_own_experiment.md)."""
 
 from grainsdem.dynamics.experiments.collapse import CollapseReport, collapse
 from grainsdem.dynamics.experiments.direct_shear import DirectShearReport, direct_shear
-from grainsdem.dynamics.experiments.rig import Outcome
+from grainsdem.dynamics.experiments.registry import Experiment, experiment
+from grainsdem.dynamics.experiments.resting import Resting, pour
+from grainsdem.dynamics.experiments.rig import JsonReport, Outcome, Staged, Trial, assemble
 from grainsdem.dynamics.experiments.ring import RingReport, ring_shear
+from grainsdem.dynamics.experiments.shared import CompactionFriction, Friction, Gravity, Run, WallFriction
+from grainsdem.dynamics.experiments.start import as_asked, in_block
 from grainsdem.dynamics.experiments.tilt import TiltReport, tilt
 from grainsdem.dynamics.experiments.triaxial import TriaxialReport, triaxial
 
 __all__ = [
     "CollapseReport",
+    "CompactionFriction",
     "DirectShearReport",
+    "Experiment",
+    "Friction",
+    "Gravity",
+    "JsonReport",
     "Outcome",
+    "Resting",
     "RingReport",
+    "Run",
+    "Staged",
     "TiltReport",
+    "Trial",
     "TriaxialReport",
+    "WallFriction",
+    "as_asked",
+    "assemble",
     "collapse",
     "direct_shear",
+    "experiment",
+    "in_block",
+    "pour",
     "ring_shear",
     "tilt",
     "triaxial",

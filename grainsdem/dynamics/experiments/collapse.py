@@ -148,7 +148,7 @@ def collapse(
     of the greatest height: neither crest nor toe.
     """
     options = MjcfOptions(friction=friction, wall_friction=wall_friction, gravity=gravity, time_step=run["time_step"])
-    scene = assemble(pour(packing, run), options, lambda _apparatus: None, spheres=run["spheres"])
+    scene = assemble(pour(packing, run), options, spheres=run["spheres"])
     walls = _walls(scene)
     chosen = walls if release is None else list(release)
     unknown = [name for name in chosen if name not in walls]
@@ -199,21 +199,9 @@ class _Collapse(Resting[CollapseReport]):
         """Return whether the heap is at rest, or time is up."""
         return self.begun is not None and (self.is_at_rest() or self.since() >= self.max_time)
 
-    def share_done(self, now: CollapseSample) -> float:
-        """Return how much of the time limit is over, at least: a heap may be at rest long before."""
-        del now
-        return self.since() / self.max_time
-
     def words(self, now: CollapseSample) -> str:
         """Return a few words on a sample after the release."""
         return f"{now.kinetic_energy:.0e} m g d, height {now.height:.1f} d, run-out {now.run_out:.1f} d"
-
-    def in_si(self, row: CollapseSample) -> CollapseSample:
-        """Return a sample as it is stored."""
-        scales = self.scene.units
-        return row._replace(
-            time=row.time * scales.time, height=row.height * scales.length, run_out=row.run_out * scales.length
-        )
 
     def slope(self) -> Slope:
         """Return the surface of the heap."""

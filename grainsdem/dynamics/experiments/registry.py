@@ -100,6 +100,19 @@ class Experiment:
         chosen = history["stage"] == 1.0
         return self.panels({name: row[chosen] for name, row in history.items()}, profile) if chosen.any() else ()
 
+    def page(self) -> str:
+        """Return its name, what it does and its options as a section in Markdown."""
+        rows = [
+            f"| `{told.name}` | {told.kind.replace('|', 'or')} | {_shown(told.default)} | {told.unit} | {told.allowed} "
+            f"| {told.help} |"
+            for told in self.told()
+        ]
+        head = (
+            f"## {self.title}\n\n{self.summary} `gd.dynamics.{self.name}`, `grainsdem {self.name.replace('_', '-')}`, "
+        )
+        table = "| option | type | default | unit | range | what it is |\n|---|---|---|---|---|---|\n"
+        return f"{head}`[{self.name}]`.\n\n{table}" + "\n".join(rows) + "\n"
+
     def schema(self) -> dict[str, Any]:
         """Return the JSON schema of its options."""
         return self.options.model_json_schema()
@@ -266,6 +279,13 @@ def _documented(text: str, options: type[BaseModel]) -> str:
         lines += [f"{name} : {kind}", *_wrapped(words)]
     head, mark, tail = inspect.cleandoc(text).partition("\n\nReturns\n")
     return "\n".join([head, *lines]) + mark + tail
+
+
+def _shown(default: object) -> str:
+    """Return a default as a page shows it."""
+    if default is None:
+        return "–"
+    return f"{default:g}" if isinstance(default, float) else str(default).lower()
 
 
 def _wrapped(words: str) -> list[str]:

@@ -77,11 +77,16 @@ class Resting(Trial[Report]):
 
     def words(self, now: Any) -> str:
         """Return a few words on a sample of the second stage."""
-        raise NotImplementedError
+        return f"{now.kinetic_energy:.0e} m g d"
 
     def share_done(self, now: Any) -> float:
-        """Return how much of the second stage is done, 0 to 1."""
-        raise NotImplementedError
+        """Return how much of the second stage is done, 0 to 1: of its time, at least, where it may end sooner."""
+        del now
+        return self.since() / self.max_time
+
+    def is_over(self) -> bool:
+        """Return whether the time of the second stage is up."""
+        return self.begun is not None and self.since() >= self.max_time
 
     def since(self) -> float:
         """Return the time [t] since the present stage began."""

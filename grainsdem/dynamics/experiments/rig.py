@@ -131,6 +131,14 @@ class Trial(Loop, Generic[Report]):
         """Return what the run measured, once it is over."""
         raise NotImplementedError
 
+    def in_si(self, row: Any) -> Any:
+        """Return a sample as it is stored: in the units of the columns."""
+        scales = self.scene.units
+        factors = {"s": scales.time, "m": scales.length, "Pa": scales.stress}
+        return row._replace(
+            **{name: getattr(row, name) * factors[unit] for name, unit in self.columns.items() if unit in factors}
+        )
+
     def packing(self) -> Packing:
         """Return the grains where they are."""
         return self.scene.packing()
@@ -220,12 +228,6 @@ class Staged(Trial[Report]):
     def mark(self) -> dict[str, Any]:
         """Return what to remember of the present state when shear begins, as JSON values."""
         raise NotImplementedError
-
-    def in_si(self, row: Any) -> Any:
-        """Return a sample as it is stored."""
-        scales = self.scene.units
-        stresses = {name: value * scales.stress for name, value in row._asdict().items() if "_stress" in name}
-        return row._replace(time=row.time * scales.time, **stresses)
 
     def inner(self, now: Snapshot) -> tuple[float, ...]:
         """Return the stresses [P] that the contacts bear at one instant."""
@@ -340,7 +342,7 @@ def columns_of(names: tuple[str, ...]) -> dict[str, str]:
 
 
 def assemble(
-    packing: Packing, options: MjcfOptions, furnish: Callable[[Apparatus], None], *, spheres: bool = False
+    packing: Packing, options: MjcfOptions, furnish: Callable[[Apparatus], None] | None = None, *, spheres: bool = False
 ) -> Scene:
     """Return the scene of a packing in an apparatus.
 
@@ -350,8 +352,8 @@ def assemble(
         The grains.
     options : MjcfOptions
         Friction and the like; its gravity sets the units.
-    furnish : callable
-        Adds the apparatus.
+    furnish : callable, optional
+        Adds the apparatus, where there is one besides the packing's own container.
     spheres : bool
         Whether the grains, which are spheres as well as polyhedra can be, are simulated as perfect ones.
 
@@ -361,7 +363,8 @@ def assemble(
         If the packing is periodic or overlaps at the start.
     """
     apparatus = equip(packing, options, are_spheres=spheres)
-    furnish(apparatus)
+    if furnish is not None:
+        furnish(apparatus)
     scene = scene_of(packing, apparatus.text(), options.gravity, are_spheres=spheres)
     refuse_overlap(scene)
     return scene

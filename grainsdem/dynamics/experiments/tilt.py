@@ -145,7 +145,7 @@ def tilt(
     ends, or fails the bed, at the angle at which it began. A block slides within a degree of atan μ at a rate of 0.004.
     """
     options = MjcfOptions(friction=friction, wall_friction=wall_friction, gravity=gravity, time_step=run["time_step"])
-    scene = assemble(pour(packing, run), options, lambda _apparatus: None, spheres=run["spheres"])
+    scene = assemble(pour(packing, run), options, spheres=run["spheres"])
     return _Tilt(scene, rate, max_angle)
 
 
@@ -224,11 +224,6 @@ class _Tilt(Resting[TiltReport]):
         """Take back what `memory` gave."""
         self.angle, self.held = memory["angle"], memory["held"]
         super().recall(memory)
-
-    def in_si(self, row: TiltSample) -> TiltSample:
-        """Return a sample as it is stored."""
-        scales = self.scene.units
-        return row._replace(time=row.time * scales.time, displacement=row.displacement * scales.length)
 
     def report(self) -> TiltReport:
         """Return at what angle the bed failed."""

@@ -1,0 +1,99 @@
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, Literal
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from grainsdem.errors import InputError
+from grainsdem.options import checked, kind_of, model_of, option
+
+Share = Annotated[float, option("A share.", gt=0, le=1)]
+
+
+def work(
+    bed: str,
+    *,
+    share: Share,
+    force: Annotated[float | None, option("A force.", "N", ge=0)] = None,
+    count: Annotated[int, option("How many.", ge=1)] = 3,
+    names: Annotated[Sequence[str] | None, option("Which.", min_length=1)] = None,
+    way: Annotated[Literal["up", "down"], option("Which way.")] = "up",
+    fast: Annotated[bool, option("Whether in haste.")] = False,
+    path: str = "",
+) -> None:
+    """Take options and do nothing."""
+
+
+MODEL = model_of(work, "work")
+
+
+@pytest.mark.unit
+def test_options_are_the_parameters_that_say_so_and_no_others():
+    assert list(MODEL.model_fields) == ["share", "force", "count", "names", "way", "fast"]
+
+
+@pytest.mark.unit
+def test_what_is_not_given_has_its_default():
+    expected = {"share": 0.5, "force": None, "count": 3, "names": None, "way": "up", "fast": False}
+    assert checked(MODEL, {"share": 0.5}) == expected
+
+
+@pytest.mark.unit
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({}, "share: missing"),
+        ({"share": 0.0}, "share: input should be greater than 0; got 0.0"),
+        ({"share": 1.5}, "share: input should be less than or equal to 1; got 1.5"),
+        ({"share": "0.5"}, "share: input should be a valid number; got '0.5'"),
+        ({"share": True}, "share: input should be a valid number; got True"),
+        ({"share": np.nan}, "share: input should be a finite number; got nan"),
+        ({"share": 0.5, "count": 2.0}, "count: input should be a valid integer; got 2.0"),
+        ({"share": 0.5, "names": "one"}, "names: .* not allowed as a Sequence value; got 'one'"),
+        ({"share": 0.5, "names": []}, "names: value should have at least 1 item"),
+        ({"share": 0.5, "way": "left"}, "way: input should be 'up' or 'down'; got 'left'"),
+        ({"share": 0.5, "fast": 1}, "fast: input should be a valid boolean; got 1"),
+        ({"share": 0.5, "forec": 1}, "forec: unknown key; allowed are share, force, count, names, way, fast"),
+    ],
+)
+def test_a_wrong_value_is_named_with_what_is_allowed(values, words):
+    with pytest.raises(InputError, match=words) as error:
+        checked(MODEL, values)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.unit
+def test_numbers_of_numpy_and_tuples_are_taken_as_plain_ones():
+    values = checked(MODEL, {"share": np.float32(0.5), "count": np.int64(2), "names": ("a", "b")})
+    assert (values["share"], values["count"], values["names"]) == (0.5, 2, ["a", "b"])
+    assert [type(values[name]) for name in ("share", "count")] == [float, int]
+
+
+@pytest.mark.property
+@given(st.floats(allow_nan=True, allow_infinity=True))
+def test_a_range_lets_through_what_lies_in_it_and_nothing_else(value):
+    try:
+        found = checked(MODEL, {"share": value})["share"]
+    except InputError:
+        assert not 0 < value <= 1
+    else:
+        assert 0 < found == value <= 1
+
+
+@pytest.mark.unit
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        (float, "float"),
+        (float | None, "float, optional"),
+        (Literal["a", "b"], "{'a', 'b'}"),
+        (Sequence[str], "sequence of str"),
+        (list[str] | None, "list of str, optional"),
+    ],
+)
+def test_a_type_is_told_in_the_words_of_numpydoc(kind, words):
+    assert kind_of(kind) == words
