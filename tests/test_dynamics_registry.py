@@ -108,6 +108,19 @@ def test_experiments_are_listed_and_each_tells_its_options():
     assert "there are compact" in " ".join(refused.output.split())
 
 
+@pytest.mark.unit
+def test_help_has_its_sections_in_order_however_little_a_docstring_says(monkeypatch):
+    monkeypatch.setattr(registry, "_found", {})
+    made = {}
+    exec(compile(CODE, "creep.py", "exec", dont_inherit=True), made)  # noqa: S102  (the page's own code)
+    for function in (made["creep"], dynamics.tilt):
+        text = function.__doc__
+        places = [text.index(f"\n\n{name}\n---") for name in ("Parameters", "Raises")]
+        assert 0 < places[0] < text.index("friction : float\n") < places[1] < text.index("UnstableError\n")
+        assert function.__doc__.startswith(function.__doc__.partition("\n")[0])
+        assert text.count("packing : Packing") == 1
+
+
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory):
     """A folder that the page's package lies in, with the metadata that an installer writes, and a bed."""
@@ -166,6 +179,7 @@ def test_an_experiment_of_another_package_is_a_recipes_table_and_an_ensemble(ins
         count = 12
         [grains]
         porosity = 0.4
+        keep = "all"
         [creep]
         duration = 1.0
         spheres = true

@@ -1,6 +1,7 @@
 """Grains in motion: MuJoCo simulates the very text that `exporters.mjcf` writes, and gives back a packing.
 
-An experiment is written in four steps; `settle` is the shortest example.
+An experiment is a function that says its options and sets up a run (`experiments.registry.experiment`;
+docs/your_own_experiment.md); a run is written in four steps.
 
 1. Text. `exporters.mjcf.text` writes the bed; `engine.Apparatus` adds what moves it: lids and walls on slide and hinge
    joints (`add_body`, `add_shape`), glued grains (`glue`), gravity (`set_gravity`), spheres (`make_spheres`).
@@ -11,7 +12,7 @@ An experiment is written in four steps; `settle` is the shortest example.
    before every step (`drive`, if ``is_driven``), and what it must remember to go on after a kill (`memory`, `recall`).
    `Loop.run` does the rest: history, frames, checkpoints, resuming, the halving of steps, the error at the end.
 4. Result. `mechanics.snapshot` is an instant in SI with converged forces; stresses, networks, layers and energies are
-   pure functions of it. Give back a frozen dataclass: packing, history, report.
+   pure functions of it. `report` gives back a frozen dataclass of what was measured.
 """
 
 from grainsdem.dynamics.compaction import CompactReport, TapReport, compact, tap

@@ -12,7 +12,7 @@ from grainsdem.dynamics.experiments.cells import SixWalls
 from grainsdem.dynamics.experiments.cells.meter import LIMIT_SPEED
 from grainsdem.dynamics.experiments.registry import experiment
 from grainsdem.dynamics.experiments.rig import (
-    JsonReport,
+    RunReport,
     Trial,
     assemble,
     pressure_gravity,
@@ -92,7 +92,7 @@ class CompactSample(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class CompactReport(JsonReport):
+class CompactReport(RunReport):
     """What an isotropic compression led to.
 
     Parameters
@@ -112,10 +112,6 @@ class CompactReport(JsonReport):
         is too low for their friction.
     at_rest : bool
         Whether the bed was at rest at the end.
-    time : float
-        Simulated time [s].
-    n_steps, halvings : int
-        Steps taken, and how often the time step was halved to keep the run stable.
     """
 
     porosity: float
@@ -125,9 +121,6 @@ class CompactReport(JsonReport):
     coordination_without_rattlers: float
     is_reached: bool
     at_rest: bool
-    time: float
-    n_steps: int
-    halvings: int
 
 
 def _panels(series: Series, profile: Series) -> list[Panel]:
@@ -172,8 +165,6 @@ def compact(
     ------
     InputError
         If an option is out of range, the grains are denser already, or the packing is periodic or overlaps.
-    UnstableError
-        If the run goes wrong and three smaller time steps do not help.
 
     Notes
     -----
@@ -309,9 +300,7 @@ class _Compact(Trial[CompactReport]):
             coordination_without_rattlers=coordination(now, without_rattlers=True),
             is_reached=at_rest if self.target is None else self.aim is not None,
             at_rest=at_rest,
-            time=self.time_in_si(),
-            n_steps=self.n_steps,
-            halvings=self.halvings,
+            **self.cost(),
         )
 
     def _porosity(self, lengths: Floats) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 from exporters.mjcf import MjcfOptions, units
 from grainsdem.dynamics.experiments.cells.meter import Meter
 from grainsdem.dynamics.experiments.registry import experiment
-from grainsdem.dynamics.experiments.rig import JsonReport, Trial, assemble
+from grainsdem.dynamics.experiments.rig import RunReport, Trial, assemble
 from grainsdem.dynamics.experiments.shared import Friction, Gravity, Run, WallFriction
 from grainsdem.dynamics.mechanics import coordination, sample, snapshot
 from grainsdem.dynamics.starting import begin
@@ -95,7 +95,7 @@ class TapSample(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class TapReport(JsonReport):
+class TapReport(RunReport):
     """What tapping led to.
 
     Parameters
@@ -112,10 +112,6 @@ class TapReport(JsonReport):
         One over the time of a tap [Hz].
     at_rest : bool
         Whether the bed was at rest before every tap and at the end.
-    time : float
-        Simulated time [s].
-    n_steps, halvings : int
-        Steps taken, and how often the time step was halved to keep the run stable.
     """
 
     initial_porosity: float
@@ -125,9 +121,6 @@ class TapReport(JsonReport):
     acceleration: float
     frequency: float
     at_rest: bool
-    time: float
-    n_steps: int
-    halvings: int
 
 
 def _panels(series: Series, profile: Series) -> list[Panel]:
@@ -168,8 +161,6 @@ def tap(
     ------
     InputError
         If an option is out of range, walls are not upright, or the packing is periodic or overlaps.
-    UnstableError
-        If the run goes wrong and three smaller time steps do not help.
 
     Notes
     -----
@@ -287,9 +278,7 @@ class _Tap(Trial[TapReport]):
             acceleration=self.shaking.acceleration,
             frequency=self.shaking.rate / (2 * np.pi * scales.time),
             at_rest=self.all_at_rest,
-            time=self.time_in_si(),
-            n_steps=self.n_steps,
-            halvings=self.halvings,
+            **self.cost(),
         )
 
     def _since(self) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 from exporters.mjcf import MjcfOptions
 from grainsdem.dynamics.experiments.registry import experiment
 from grainsdem.dynamics.experiments.resting import Resting, pour
-from grainsdem.dynamics.experiments.rig import JsonReport, assemble
+from grainsdem.dynamics.experiments.rig import RunReport, assemble
 from grainsdem.dynamics.experiments.shared import Friction, Gravity, Run, WallFriction
 from grainsdem.dynamics.mechanics import snapshot
 from grainsdem.dynamics.mechanics.slopes import Slope, directions, run_out, surface
@@ -56,7 +56,7 @@ class CollapseSample(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class CollapseReport(JsonReport):
+class CollapseReport(RunReport):
     """What a collapse left.
 
     Parameters
@@ -75,10 +75,6 @@ class CollapseReport(JsonReport):
         Whether the heap was at rest at the end: else its slope is no angle of repose.
     is_settled : bool
         Whether the bed was at rest when the walls were taken away.
-    time : float
-        Simulated time [s].
-    n_steps, halvings : int
-        Steps taken, and how often the time step was halved to keep the run stable.
     """
 
     repose_angle: float
@@ -90,9 +86,6 @@ class CollapseReport(JsonReport):
     relative_run_out: float
     at_rest: bool
     is_settled: bool
-    time: float
-    n_steps: int
-    halvings: int
 
 
 def _panels(series: Series, profile: Series) -> list[Panel]:
@@ -135,8 +128,6 @@ def collapse(
     ------
     InputError
         If an option is out of range, there is no such wall, or the packing is periodic or overlaps.
-    UnstableError
-        If the run goes wrong and three smaller time steps do not help.
 
     Notes
     -----
@@ -231,9 +222,7 @@ class _Collapse(Resting[CollapseReport]):
             relative_run_out=last.run_out / begun["run_out"] - 1,
             at_rest=self.is_at_rest(),
             is_settled=begun["is_at_rest"],
-            time=self.time_in_si(),
-            n_steps=self.n_steps,
-            halvings=self.halvings,
+            **self.cost(),
         )
 
 

@@ -11,7 +11,7 @@ from exporters.mjcf import MjcfOptions, units
 from grainsdem.dynamics.experiments.cells import ShearBox
 from grainsdem.dynamics.experiments.registry import experiment
 from grainsdem.dynamics.experiments.rig import (
-    JsonReport,
+    RunReport,
     Shear,
     Staged,
     assemble,
@@ -96,7 +96,7 @@ class DirectShearSample(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class DirectShearReport(JsonReport):
+class DirectShearReport(RunReport):
     """What a direct shear test measured.
 
     Parameters
@@ -119,10 +119,6 @@ class DirectShearReport(JsonReport):
         v/h d √(ρ/σ), v being the speed of the upper half and h the height of the bed.
     is_compressed : bool
         Whether the bed was at rest when shear began.
-    time : float
-        Simulated time [s].
-    n_steps, halvings : int
-        Steps taken, and how often the time step was halved to keep the run stable.
     """
 
     peak_friction: float
@@ -136,9 +132,6 @@ class DirectShearReport(JsonReport):
     final_solid_fraction: float
     inertial_number: float
     is_compressed: bool
-    time: float
-    n_steps: int
-    halvings: int
 
 
 def _panels(series: Series, profile: Series) -> list[Panel]:
@@ -177,8 +170,6 @@ def direct_shear(
     ------
     InputError
         If an option is out of range, or the packing is periodic or overlaps.
-    UnstableError
-        If the run goes wrong and three smaller time steps do not help.
 
     Notes
     -----
@@ -312,7 +303,5 @@ class _DirectShear(Staged[DirectShearReport]):
             final_solid_fraction=rows[-1].solid_fraction,
             inertial_number=self.rate,
             is_compressed=bool(self.begun and self.begun["is_at_rest"]),
-            time=self.time_in_si(),
-            n_steps=self.n_steps,
-            halvings=self.halvings,
+            **self.cost(),
         )

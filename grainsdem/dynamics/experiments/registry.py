@@ -48,6 +48,9 @@ BUILT_IN: dict[str, str] = {
 }
 """Experiments of ours, in the order in which a recipe runs them, and the modules that they are in."""
 
+UNSTABLE = "UnstableError", "    If the run goes wrong and three smaller time steps do not help."
+"""What the docstring of every experiment says last of what it raises."""
+
 P = ParamSpec("P")
 Report = TypeVar("Report")
 
@@ -277,8 +280,20 @@ def _documented(text: str, options: type[BaseModel]) -> str:
         lines += [f"{name} : {told.kind}", *_wrapped(f"{told.help.removesuffix('.')}{unit}{allowed}.")]
     for name, (kind, words) in NOTES.items():
         lines += [f"{name} : {kind}", *_wrapped(words)]
-    head, mark, tail = inspect.cleandoc(text).partition("\n\nReturns\n")
-    return "\n".join([head, *lines]) + mark + tail
+    head, rest = _parted(inspect.cleandoc(text), "Returns")
+    raises, notes = _parted(rest, "Notes")
+    if "\nParameters\n" not in head:
+        head = f"{head}\n\nParameters\n----------\npacking : Packing\n    The grains."
+    if "Raises\n" not in raises:
+        raises = f"{raises}\n\nRaises\n------".strip()
+    parts = ["\n".join([head, *lines]), "\n".join([raises, *UNSTABLE]), notes]
+    return "\n\n".join(part for part in parts if part)
+
+
+def _parted(text: str, section: str) -> tuple[str, str]:
+    """Return a docstring before a section, and from there on."""
+    head, mark, tail = text.partition(f"\n\n{section}\n")
+    return head, (mark + tail).strip()
 
 
 def _shown(default: object) -> str:

@@ -99,7 +99,27 @@ class JsonReport:
     def to_dict(self) -> dict[str, Any]:
         """Return the report as JSON values; a number that was not measured is null."""
         values: dict[str, Any] = asdict(self)  # type: ignore[call-overload]  # every subclass is a dataclass
+        for name in ("time", "n_steps", "halvings"):  # last, as they are read
+            if name in values:
+                values[name] = values.pop(name)
         return {k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in values.items()}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunReport(JsonReport):
+    """What the report of every run ends with.
+
+    Parameters
+    ----------
+    time : float
+        Simulated time [s].
+    n_steps, halvings : int
+        Steps taken, and how often the time step was halved to keep the run stable.
+    """
+
+    time: float
+    n_steps: int
+    halvings: int
 
 
 def pressure_gravity(packing: Packing, pressure: float) -> float:
@@ -138,6 +158,10 @@ class Trial(Loop, Generic[Report]):
         return row._replace(
             **{name: getattr(row, name) * factors[unit] for name, unit in self.columns.items() if unit in factors}
         )
+
+    def cost(self) -> dict[str, Any]:
+        """Return what a `RunReport` ends with."""
+        return {"time": self.time_in_si(), "n_steps": self.n_steps, "halvings": self.halvings}
 
     def packing(self) -> Packing:
         """Return the grains where they are."""

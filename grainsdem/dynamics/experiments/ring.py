@@ -11,7 +11,7 @@ from exporters.mjcf import MjcfOptions, units
 from grainsdem.dynamics.experiments.cells import Annulus
 from grainsdem.dynamics.experiments.registry import experiment
 from grainsdem.dynamics.experiments.rig import (
-    JsonReport,
+    RunReport,
     Shear,
     Staged,
     assemble,
@@ -108,7 +108,7 @@ class RingSample(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class RingReport(JsonReport):
+class RingReport(RunReport):
     """What a ring shear test measured.
 
     Parameters
@@ -134,10 +134,6 @@ class RingReport(JsonReport):
         γ̇ d √(ρ/σ).
     is_compressed : bool
         Whether the bed was at rest when shear began.
-    time : float
-        Simulated time [s].
-    n_steps, halvings : int
-        Steps taken, and how often the time step was halved to keep the run stable.
     """
 
     peak_friction: float
@@ -152,9 +148,6 @@ class RingReport(JsonReport):
     final_solid_fraction: float
     inertial_number: float
     is_compressed: bool
-    time: float
-    n_steps: int
-    halvings: int
 
 
 def _panels(series: Series, profile: Series) -> list[Panel]:
@@ -203,8 +196,6 @@ def ring_shear(
     ------
     InputError
         If an option is out of range, there are too few grains for the ring, or the packing is planar.
-    UnstableError
-        If the run goes wrong and three smaller time steps do not help.
 
     Notes
     -----
@@ -371,7 +362,5 @@ class _Ring(Staged[RingReport]):
             final_solid_fraction=float(fractions[last].mean()),
             inertial_number=self.rate,
             is_compressed=bool(self.begun and self.begun["is_at_rest"]),
-            time=self.time_in_si(),
-            n_steps=self.n_steps,
-            halvings=self.halvings,
+            **self.cost(),
         )

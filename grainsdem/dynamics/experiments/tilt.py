@@ -10,7 +10,7 @@ import numpy as np
 from exporters.mjcf import MjcfOptions
 from grainsdem.dynamics.experiments.registry import experiment
 from grainsdem.dynamics.experiments.resting import Resting, pour
-from grainsdem.dynamics.experiments.rig import JsonReport, assemble
+from grainsdem.dynamics.experiments.rig import RunReport, assemble
 from grainsdem.dynamics.experiments.shared import Friction, Gravity, Run, WallFriction
 from grainsdem.dynamics.mechanics import snapshot
 from grainsdem.model import Packing
@@ -68,7 +68,7 @@ class TiltSample(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class TiltReport(JsonReport):
+class TiltReport(RunReport):
     """At what angle a bed failed.
 
     Parameters
@@ -83,10 +83,6 @@ class TiltReport(JsonReport):
         Share of the grains that had moved by more than a diameter at the end.
     is_settled : bool
         Whether the bed was at rest when the tilting began.
-    time : float
-        Simulated time [s].
-    n_steps, halvings : int
-        Steps taken, and how often the time step was halved to keep the run stable.
     """
 
     failure_angle: float
@@ -94,9 +90,6 @@ class TiltReport(JsonReport):
     largest_angle: float
     gone_fraction: float
     is_settled: bool
-    time: float
-    n_steps: int
-    halvings: int
 
 
 def _panels(series: Series, profile: Series) -> list[Panel]:
@@ -135,8 +128,6 @@ def tilt(
     ------
     InputError
         If an option is out of range, or the packing is periodic or overlaps.
-    UnstableError
-        If the run goes wrong and three smaller time steps do not help.
 
     Notes
     -----
@@ -235,7 +226,5 @@ class _Tilt(Resting[TiltReport]):
             largest_angle=last.angle,
             gone_fraction=last.gone_fraction,
             is_settled=bool(self.begun and self.begun["is_at_rest"]),
-            time=self.time_in_si(),
-            n_steps=self.n_steps,
-            halvings=self.halvings,
+            **self.cost(),
         )

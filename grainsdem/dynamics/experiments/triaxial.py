@@ -12,7 +12,7 @@ from grainsdem.dynamics.experiments.cells import SixWalls
 from grainsdem.dynamics.experiments.cells.meter import LIMIT_SPEED
 from grainsdem.dynamics.experiments.registry import experiment
 from grainsdem.dynamics.experiments.rig import (
-    JsonReport,
+    RunReport,
     Shear,
     Staged,
     assemble,
@@ -90,7 +90,7 @@ class TriaxialSample(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class TriaxialReport(JsonReport):
+class TriaxialReport(RunReport):
     """What a triaxial test measured.
 
     Parameters
@@ -115,10 +115,6 @@ class TriaxialReport(JsonReport):
         ε̇ d √(ρ/σ3).
     is_compressed : bool
         Whether the bed was at rest when shear began.
-    time : float
-        Simulated time [s].
-    n_steps, halvings : int
-        Steps taken, and how often the time step was halved to keep the run stable.
     """
 
     peak_friction_angle: float
@@ -132,9 +128,6 @@ class TriaxialReport(JsonReport):
     confining_pressure: float
     inertial_number: float
     is_compressed: bool
-    time: float
-    n_steps: int
-    halvings: int
 
 
 def _panels(series: Series, profile: Series) -> list[Panel]:
@@ -179,8 +172,6 @@ def triaxial(
     ------
     InputError
         If an option is out of range, or the packing is periodic or overlaps.
-    UnstableError
-        If the run goes wrong and three smaller time steps do not help.
 
     Notes
     -----
@@ -316,7 +307,5 @@ class _Triaxial(Staged[TriaxialReport]):
             confining_pressure=float(lateral.mean() * self.scene.units.stress),
             inertial_number=self.rate,
             is_compressed=begun["is_at_rest"],
-            time=self.time_in_si(),
-            n_steps=self.n_steps,
-            halvings=self.halvings,
+            **self.cost(),
         )
