@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from exporters.dem.scene import SkinOptions
+    from exporters.dem.options import SkinOptions
     from grainsdem.model import Packing, Polyhedra
 
     Floats = NDArray[np.float64]

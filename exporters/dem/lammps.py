@@ -24,7 +24,8 @@ from exporters.dem.bodies import (
     skin,
     vertices_in,
 )
-from exporters.dem.scene import SkinOptions, check_word, height, springs
+from exporters.dem.options import SkinOptions
+from exporters.dem.scene import check_word, height, springs
 from exporters.rest import down, frictions
 from exporters.text import rows_of_text, table_of_text
 from exporters.units import factors_of, units_of

@@ -19,7 +19,8 @@ from exporters.dem.bodies import (
     skin,
     vertices_in,
 )
-from exporters.dem.scene import SkinOptions, check_word, height, springs, walls
+from exporters.dem.options import SkinOptions
+from exporters.dem.scene import check_word, height, springs, walls
 from exporters.rest import down, frictions
 from exporters.text import filled, rows_of_text, table_of_text
 

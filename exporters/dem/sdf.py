@@ -11,7 +11,8 @@ import numpy as np
 from exporters.check import check_choice, check_positive, grain_names
 from exporters.container import GRAIN_COLOURS, shades, world_bounds
 from exporters.dem.bodies import bodies, parts
-from exporters.dem.scene import WALLS, check_friction, check_word, height, springs, walls
+from exporters.dem.options import WALLS, check_friction
+from exporters.dem.scene import check_word, height, springs, walls
 from exporters.rest import down, frictions
 from exporters.text import rows_of_text, table_of_text
 from exporters.units import check_units, chosen_units, factors_of

@@ -12,7 +12,8 @@ import numpy as np
 from exporters.check import check_choice, check_positive, grain_names
 from exporters.container import container_box, world_bounds
 from exporters.dem.bodies import bodies, parts
-from exporters.dem.scene import WALLS, check_friction, check_word, height
+from exporters.dem.options import WALLS, check_friction
+from exporters.dem.scene import check_word, height
 from exporters.rest import down, frictions
 from exporters.text import filled, rows_of_text, table_of_text
 from grainsdem.geometry.rotations import world_vertices

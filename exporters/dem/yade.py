@@ -16,7 +16,8 @@ import numpy as np
 from exporters.check import check_choice, check_positive, refuse
 from exporters.container import world_bounds
 from exporters.dem.bodies import bodies, parts, vertices_in
-from exporters.dem.scene import WALLS, check_friction, check_word, height, walls
+from exporters.dem.options import WALLS, check_friction
+from exporters.dem.scene import check_word, height, walls
 from exporters.rest import down, frictions
 from exporters.text import rows_of_text
 from exporters.units import check_units, chosen_units, factors_of
