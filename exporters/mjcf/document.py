@@ -9,6 +9,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from exporters.container import GRAIN_COLOURS, container_box, plane_frames, world_bounds
+from exporters.mjcf.grains import PLAIN
 from exporters.mjcf.options import ITERATIONS, NOSLIP_AT_REST
 from exporters.rest import down, frictions, rest_of, time_step
 from exporters.text import rows_of_text
@@ -74,9 +75,6 @@ $bodies
   </worldbody>
 $include$keyframe</mujoco>
 """)
-
-PLAIN = "grain"
-"""Material of grains that have colours of their own."""
 
 _MATERIAL = '    <material name="%s" rgba="%g %g %g 1" specular="0.18" shininess="0.25"/>'
 _KEYFRAME = "  <keyframe>\n    <key name=%s/>\n  </keyframe>\n"

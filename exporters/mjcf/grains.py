@@ -9,7 +9,6 @@ import numpy as np
 
 from exporters.check import grain_names, measured, refuse, stretches
 from exporters.container import GRAIN_COLOURS, colours_of, shades
-from exporters.mjcf.document import PLAIN
 from exporters.rest import rest_of
 from exporters.text import rows_of_text, table_of_text
 from exporters.units import chosen_units
@@ -26,6 +25,9 @@ if TYPE_CHECKING:
     from grainsdem.model import Packing
 
     Floats = NDArray[np.float64]
+
+PLAIN = "grain"
+"""Material of grains that have colours of their own."""
 
 _MESH = '    <mesh name="%s" vertex="%s" face="%s"/>'
 _FREE = '<freejoint name="%s"/>'
