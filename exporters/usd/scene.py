@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from exporters.units import GrainUnits
-    from exporters.usd import UsdOptions
+    from exporters.usd.options import UsdOptions
     from grainsdem.geometry.integrals import Integrals
     from grainsdem.model import Packing
 

@@ -1,0 +1,72 @@
+"""What a stage says beside the grains."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from exporters.check import check_choice, check_positive
+from exporters.container import check_colour
+from exporters.units import check_units
+
+if TYPE_CHECKING:
+    from exporters.container import Colour
+    from exporters.units import Units
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class UsdOptions:
+    """What the stage says beside the grains.
+
+    Parameters
+    ----------
+    friction : float, optional
+        Static and dynamic friction of the grains [1]; that which the bed came to rest with by default, else 0.5.
+    wall_friction : float, optional
+        Friction of the walls [1]; that of the grains by default, or with theirs that of the bed at rest. Programs
+        average the two of a pair unless told.
+    restitution : float
+        Coefficient of restitution [1], 0 to 1.
+    gravity : float
+        Magnitude of gravity [m/s²].
+    contact_gap : float
+        Distance, in median diameters, at which Newton begins to look at a pair.
+    walls : {"box", "floor", "none"}
+        Container from the packing's domain: floor and four walls, floor only, or nothing. A wall of a periodic axis
+        stands where the outermost grain ends. A planar bed is held in its plane by two smooth walls more.
+    colour : {"mineral", "id", "diameter"} or array_like
+        Display colour of each grain: see `exporters.container`.
+    units : {"si", "mm", "grain"} or float
+        Units of the stage, which it says itself: metres and kilograms; a length in metres with kilograms; or median
+        diameters and their masses, for programs that take grains of a few millimetres for massless. Newton gives bodies
+        with moments of inertia below 1e-10, quartz under 4 mm in SI, one of 1e-6.
+    hulls : {"any", "physx"}
+        PhysX holds at most 64 vertices and 64 faces a hull on the GPU, and simplifies what has more. Such grains are
+        written like all others, and named in the log and the manifest; or they are refused.
+
+    Raises
+    ------
+    InputError
+        If a number is out of range or a word is not one of those allowed.
+    """
+
+    friction: float | None = None
+    wall_friction: float | None = None
+    restitution: float = 0.0
+    gravity: float = 9.81
+    contact_gap: float = 0.01
+    walls: Literal["box", "floor", "none"] = "box"
+    colour: Colour = "mineral"
+    units: Units = "si"
+    hulls: Literal["any", "physx"] = "any"
+
+    def __post_init__(self) -> None:
+        for name in ("restitution", "gravity", "contact_gap"):
+            check_positive(name, getattr(self, name), or_zero=True)
+        for name in ("friction", "wall_friction"):
+            if getattr(self, name) is not None:
+                check_positive(name, getattr(self, name), or_zero=True)
+        check_choice("walls", self.walls, ("box", "floor", "none"))
+        check_choice("hulls", self.hulls, ("any", "physx"))
+        check_colour(self.colour)
+        check_units(self.units)
