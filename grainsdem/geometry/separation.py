@@ -5,12 +5,13 @@ Each pair is solved in the frame of its first grain, so answers do not depend on
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numba import njit
 
 from grainsdem.geometry.pairs.bodies import Bodies, bodies
+from grainsdem.geometry.pairs.gaps import Gaps
 from grainsdem.geometry.pairs.gjk import FAR, OVERLAPPING, closest_points, descend, make_simplex
 from grainsdem.geometry.pairs.patches import (
     find_facing,
@@ -41,39 +42,6 @@ PAIRS = 256
 
 UNIT = 2.0**-53
 """Largest relative error of one rounding."""
-
-
-class Gaps(NamedTuple):
-    """Where two grains of a pair are nearest, one row a pair.
-
-    Parameters
-    ----------
-    gaps : ndarray, shape (m,)
-        Signed gap [m]: distance, or minus the depth of the overlap; infinite beyond the limit.
-    normals : ndarray, shape (m, 3)
-        Unit normal from the first grain to the second.
-    firsts, seconds : ndarray, shape (m, 3)
-        Closest points, or the deepest ones, of the two, relative to the first grain's position [m].
-    centres : ndarray, shape (m, 3)
-        Centre of the shared patch where faces or edges lie flat on one another, else midway between the closest
-        points; relative to the first grain's position [m].
-    areas : ndarray, shape (m,)
-        Area [m²] that facing polygons share.
-    features : ndarray of int8, shape (m, 2)
-        What each grain touches with: 0 a corner, 1 an edge, 2 a face.
-    """
-
-    gaps: Floats
-    normals: Floats
-    firsts: Floats
-    seconds: Floats
-    centres: Floats
-    areas: Floats
-    features: NDArray[np.int8]
-
-    def take(self, rows: NDArray[Any]) -> Gaps:
-        """Return the chosen rows, given by index or mask."""
-        return self._replace(**{name: getattr(self, name)[rows] for name in self._fields})
 
 
 def offsets_between(packing: Packing, pairs: NDArray[np.int32], shifts: NDArray[np.integer] | None = None) -> Floats:

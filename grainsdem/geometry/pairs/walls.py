@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numba import njit
 
+from grainsdem.geometry.pairs.gaps import Gaps
 from grainsdem.geometry.pairs.patches import find_feature, make_patch, share_patch
-from grainsdem.geometry.separation import Gaps
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
