@@ -8,10 +8,9 @@ import numpy as np
 
 from grainsdem.errors import InputError
 from grainsdem.geometry.clipping import box_planes, solid_volume
-from grainsdem.geometry.forms.sizes import above_zero
+from grainsdem.geometry.forms.sizes import above_zero, grain_diameters
 from grainsdem.geometry.integrals import volumes
 from grainsdem.geometry.rotations import world_vertices
-from grainsdem.measures.grains.sizes import diameters
 from grainsdem.model.given import require_packing
 
 if TYPE_CHECKING:
@@ -104,7 +103,7 @@ def core_box(packing: Packing, *, margin: float = 1.0) -> Box:
     if len(packing) == 0:
         raise InputError("a core needs a bed; the packing has no grains")
     domain = packing.domain
-    d = float(diameters(packing.grains).mean())
+    d = float(grain_diameters(packing.grains).mean())
     inset = np.where(domain.periodic, 0.0, margin * d)
     lower, upper = domain.lower + inset, domain.upper - inset
     _refuse_thin(lower[:2], upper[:2], d, margin)
