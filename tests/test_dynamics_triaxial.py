@@ -1,5 +1,9 @@
 from __future__ import annotations
 
+import logging
+import re
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from chance import margin
@@ -7,6 +11,7 @@ from conftest import cube_packing
 from loading import check_that_it_goes_on, grow, grow_planar
 
 from grainsdem.dynamics import triaxial
+from grainsdem.dynamics.experiments.triaxial import TriaxialSample, _Triaxial
 from grainsdem.errors import InputError
 from grainsdem.geometry.rotations import to_matrices, world_vertices
 from grainsdem.model import Domain
@@ -182,3 +187,53 @@ def test_an_empty_packing_is_refused(fresh):
     )
     with pytest.raises(InputError):
         triaxial(empty, rng=1)
+
+
+def test_cells_that_lock_like_a_jigsaw_are_no_test_and_the_run_ends_there():
+    report = triaxial(grow(8), strain=0.3, inertial_number=0.1).report
+    assert not report.is_valid
+    assert report.is_compressed
+    assert re.fullmatch(r"the porosity was -?0\.00, at a strain of 0\.\d+", report.reason)
+    assert report.n_steps < 1000  # the shear would take 300 more
+
+
+def test_a_sample_of_few_grains_is_warned_of_and_its_size_told(caplog, sheared):
+    report = sheared[0].report
+    assert 2 < report.size_ratio < 4  # three grains of a mean across, and their largest a half larger
+    with caplog.at_level(logging.WARNING, "grainsdem"):
+        triaxial(grow(8), strain=1e-3, inertial_number=0.1)
+    assert any("of its largest grains across" in record.message for record in caplog.records)
+
+
+@pytest.mark.unit
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({}, ""),
+        ({"lateral_stress": 0.75}, "the pressure was 0.75 of what it was to be held at, at a strain of 0.1"),
+        ({"lateral_stress": 1.25}, "the pressure was 1.25"),
+        ({"solid_fraction": 0.75}, "the porosity was 0.25"),
+        ({"solid_fraction": 0.15}, "the porosity was 0.85"),
+        ({"axial_stress": 21.0}, "σ1/σ3 was 21"),
+        ({"axial_stress": 19.0}, ""),
+    ],
+)
+def test_a_test_is_void_where_five_samples_are_out_of_bounds(changes, reason):
+    run = object.__new__(_Triaxial)
+    run.scene = SimpleNamespace(source=SimpleNamespace(domain=Domain.cube()))
+    usual = {"axial_strain": 0.1, "lateral_stress": 1.0, "axial_stress": 3.0, "solid_fraction": 0.6, "stage": 1.0}
+    blank = dict.fromkeys(TriaxialSample._fields, 0.0)
+    run.samples = [TriaxialSample(**{**blank, **usual, **changes})] * 4
+    assert run.fault() == ""
+    run.samples *= 2
+    assert run.fault().startswith(reason)
+    assert bool(run.fault()) == bool(reason)
+
+
+@pytest.mark.unit
+def test_one_sample_out_of_bounds_is_no_reason_to_end_a_test():
+    run = object.__new__(_Triaxial)
+    run.scene = SimpleNamespace(source=SimpleNamespace(domain=Domain.cube()))
+    usual = TriaxialSample(0.0, 1.0, 0.1, 0.0, 3.0, 1.0, 3.0, 1.0, 0.6, 4.0, 0.0, 0.0)
+    run.samples = [usual] * 4 + [usual._replace(lateral_stress=1.5)]
+    assert run.fault() == ""

@@ -246,4 +246,6 @@ def _shown(name: str, value: Any) -> str:
         return "–"
     if isinstance(value, bool):
         return "yes" if value else "no"
+    if isinstance(value, str):
+        return value or "–"
     return f"{math.degrees(value):.1f}" if "angle" in name else f"{value:.4g}"

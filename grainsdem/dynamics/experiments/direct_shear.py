@@ -11,7 +11,7 @@ from exporters.mjcf import MjcfOptions, units
 from grainsdem.dynamics.experiments.cells import ShearBox
 from grainsdem.dynamics.experiments.registry import experiment
 from grainsdem.dynamics.experiments.rig import (
-    RunReport,
+    LoadingReport,
     Shear,
     Staged,
     assemble,
@@ -96,7 +96,7 @@ class DirectShearSample(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class DirectShearReport(RunReport):
+class DirectShearReport(LoadingReport):
     """What a direct shear test measured.
 
     Parameters
@@ -115,10 +115,6 @@ class DirectShearReport(RunReport):
         Mean over the shear of the force on the lid over the whole floor [Pa].
     initial_solid_fraction, final_solid_fraction : float
         When shear began, and at the end.
-    inertial_number : float
-        v/h d √(ρ/σ), v being the speed of the upper half and h the height of the bed.
-    is_compressed : bool
-        Whether the bed was at rest when shear began.
     """
 
     peak_friction: float
@@ -130,8 +126,6 @@ class DirectShearReport(RunReport):
     normal_stress: float
     initial_solid_fraction: float
     final_solid_fraction: float
-    inertial_number: float
-    is_compressed: bool
 
 
 def _panels(series: Series, profile: Series) -> list[Panel]:
@@ -270,6 +264,15 @@ class _DirectShear(Staged[DirectShearReport]):
         """Return the stresses that must be one in a compressed bed."""
         return row.normal_stress, row.normal_stress_contacts
 
+    def held(self, row: DirectShearSample) -> float:
+        """Return the pressure that is held at one while the bed is sheared."""
+        return row.normal_stress
+
+    def sides(self) -> Floats:
+        """Return the present sides [d] of the sample."""
+        height, box = self.box.height(self.scene.engine), self.box
+        return np.array([height, box.length, *([] if self.scene.source.domain.is_planar else [box.area / box.length])])
+
     def words(self, row: DirectShearSample) -> str:
         """Return a few words on a sample of the shear."""
         return f"displacement {row.displacement:.3f}, τ/σ {row.friction:.2f}, {row.volumetric_strain:+.3f}"
@@ -301,7 +304,5 @@ class _DirectShear(Staged[DirectShearReport]):
             normal_stress=float((normal * (1 - ways)).mean() * self.scene.units.stress),
             initial_solid_fraction=rows[0].solid_fraction,
             final_solid_fraction=rows[-1].solid_fraction,
-            inertial_number=self.rate,
-            is_compressed=bool(self.begun and self.begun["is_at_rest"]),
-            **self.cost(),
+            **self.standing(),
         )

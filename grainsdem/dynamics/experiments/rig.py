@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
@@ -13,6 +14,7 @@ from grainsdem.dynamics.mechanics import energies, snapshot
 from grainsdem.dynamics.scene import Scene, equip, refuse_overlap, scene_of
 from grainsdem.dynamics.watch import TroubleError, refuse_broken
 from grainsdem.errors import name_offenders
+from grainsdem.geometry.forms.sizes import grain_diameters
 from grainsdem.panels import Panel, smoothed
 
 if TYPE_CHECKING:
@@ -29,8 +31,16 @@ if TYPE_CHECKING:
     Tell = Callable[[float, str], None]
     Series = Mapping[str, NDArray[np.float64]]
 
+LOG = logging.getLogger(__name__)
+
 RUNAWAY = 100.0
-"""Mean kinetic energy of a grain [P d³] that no loading at these rates gives: the run has gone wrong."""
+"""Mean kinetic energy of a grain [P d³, m g d] that no fall and no loading gives: the run has gone wrong."""
+
+RUNAWAY_GATHERED = 10.0
+"""The same while walls of 2 d/t gather grains: it is 1.3 at most in beds without friction."""
+
+RUNAWAY_SHEARED = 0.5
+"""The same in a bed that is sheared, besides what is imposed: 1e-3 is usual, and 3e-3 the most, at I = 0.02."""
 
 REST_PRESSURE = 0.03
 """How near one every pressure must be for a bed to count as compressed."""
@@ -59,6 +69,18 @@ N_SAMPLES = 200
 
 STEPS_PER_PROBE = 4
 """Steps between looks at the contacts of a sheared bed, whose stresses are averaged over a sample as those of walls."""
+
+VOID_SAMPLES = 5
+"""Samples of the shear that are averaged before a test is judged: forces of a few hundred grains fluctuate."""
+
+HELD = 0.2
+"""How far from one, on average, a pressure may be that is held."""
+
+LEAST_RATIO = 5.0
+"""Least side of a sample over its largest grain below which is warned; standards of soil testing ask for six to ten."""
+
+POROSITIES = (0.3, 0.8), (0.05, 0.6)
+"""Porosities between which a sheared bed is one, in space and in a plane: a jigsaw lies below, and above grains fly."""
 
 Report = TypeVar("Report")
 
@@ -99,9 +121,9 @@ class JsonReport:
     def to_dict(self) -> dict[str, Any]:
         """Return the report as JSON values; a number that was not measured is null."""
         values: dict[str, Any] = asdict(self)  # type: ignore[call-overload]  # every subclass is a dataclass
-        for name in ("time", "n_steps", "halvings"):  # last, as they are read
-            if name in values:
-                values[name] = values.pop(name)
+        # What a report has of its own comes first, then what all of its kind have.
+        order = [name for kind in type(self).__mro__ for name in getattr(kind, "__annotations__", {})]
+        values = {name: values[name] for name in order}
         return {k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in values.items()}
 
 
@@ -120,6 +142,33 @@ class RunReport(JsonReport):
     time: float
     n_steps: int
     halvings: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LoadingReport(RunReport):
+    """What the report of every loading test has besides.
+
+    Parameters
+    ----------
+    inertial_number : float
+        Rate of strain times d √(ρ/σ).
+    size_ratio : float
+        Least side of the sample, before or after the shear, over the diameter of its largest grain. Below five, walls
+        and single grains rule what is measured.
+    is_compressed : bool
+        Whether the bed was at rest when shear began.
+    is_valid : bool
+        Whether the test is one: the bed was compressed, and while it was sheared the pressure was held within a fifth,
+        the void stayed between 0.3 and 0.8, and nothing else was out of bounds. Where not, the shear ended there.
+    reason : str
+        Why it is none; empty where it is.
+    """
+
+    inertial_number: float
+    size_ratio: float
+    is_compressed: bool
+    is_valid: bool
+    reason: str
 
 
 def pressure_gravity(packing: Packing, pressure: float) -> float:
@@ -245,6 +294,8 @@ class Staged(Trial[Report]):
         """When [t] the grains had been gathered."""
         self.begun: dict[str, Any] | None = None
         """What is remembered of the moment when shear began."""
+        self.void = ""
+        """Why the test is none, and was ended."""
         self._probes: list[tuple[float, ...]] = []
         self._n_probed = 0
         self._enter_stage()
@@ -277,6 +328,58 @@ class Staged(Trial[Report]):
         """Return what must be one in a sample of a compressed bed."""
         raise NotImplementedError
 
+    def held(self, row: Any) -> float:
+        """Return the pressure that is held at one while the bed is sheared."""
+        raise NotImplementedError
+
+    def fault(self) -> str:
+        """Return why the last samples of the shear are of no test; nothing where they are."""
+        rows = self.sheared()[-VOID_SAMPLES:]
+        if len(rows) < VOID_SAMPLES:
+            return ""
+        held = float(np.mean([self.held(row) for row in rows]))
+        porosity = 1.0 - float(np.mean([row.solid_fraction for row in rows]))
+        where = f"at a strain of {self.strain_of(rows[-1]):.3g}"
+        if abs(held - 1.0) > HELD:
+            return f"the pressure was {held:.2f} of what it was to be held at, {where}"
+        least, most = POROSITIES[self.scene.source.domain.is_planar]
+        if not least <= porosity <= most:
+            return f"the porosity was {porosity:.2f}, {where}"
+        return ""
+
+    def sides(self) -> NDArray[np.float64]:
+        """Return the present sides [d] of the sample."""
+        raise NotImplementedError
+
+    def size_ratio(self) -> float:
+        """Return the least side of the sample so far over the diameter of its largest grain."""
+        largest = float(grain_diameters(self.scene.source.grains).max()) / self.scene.units.length
+        least = float(self.sides().min())
+        return min(least, self.begun["least_side"] if self.begun else least) / largest
+
+    def standing(self) -> dict[str, Any]:
+        """Return what a `LoadingReport` has besides what was measured."""
+        is_compressed = bool(self.begun and self.begun["is_at_rest"])
+        reason = self.void or ("" if is_compressed else "the bed was not at rest when shear began")
+        return {
+            "inertial_number": self.rate,
+            "size_ratio": self.size_ratio(),
+            "is_compressed": is_compressed,
+            "is_valid": not reason,
+            "reason": reason,
+            **self.cost(),
+        }
+
+    def check(self, now: Any) -> None:
+        """Raise `TroubleError` where something is wrong with the present state."""
+        super().check(now)
+        imposed = self.rate * float(self.sides().max())
+        limit = RUNAWAY_GATHERED if self.begun is None else RUNAWAY_SHEARED + imposed**2
+        if now.kinetic_energy > limit:
+            raise TroubleError(
+                f"a mean kinetic energy of {now.kinetic_energy:.3g} P d³ a grain; {limit:.3g} is too much"
+            )
+
     def words(self, row: Any) -> str:
         """Return a few words on a sample of the shear."""
         raise NotImplementedError
@@ -294,13 +397,14 @@ class Staged(Trial[Report]):
         return [row for row in self.samples if row.stage == 1.0]
 
     def is_over(self) -> bool:
-        """Return whether the strain is reached."""
-        return self.begun is not None and self.strain_of(self.samples[-1]) >= self.strain
+        """Return whether the strain is reached, or the test is void."""
+        return bool(self.void) or (self.begun is not None and self.strain_of(self.samples[-1]) >= self.strain)
 
     def keep(self, now: Any) -> None:
         """Begin to shear once the bed is compressed, and tell how far the run is."""
         if self.begun is not None:
             self.tell(self.strain_of(now) / self.strain, self.words(now))
+            self.void = self.fault()
             return
         self.tell(0.0, f"compressing: solid fraction {now.solid_fraction:.3f}, {now.kinetic_energy:.0e} P d³")
         if self.gathered is None:
@@ -311,19 +415,33 @@ class Staged(Trial[Report]):
             return
         is_at_rest = all(map(self._is_at_rest, self.samples[-REST_SAMPLES:]))
         if is_at_rest or now.time > self.gathered + COMPRESSION_LIMIT:
-            self.begun = {"time": now.time, "is_at_rest": bool(is_at_rest), **self.mark()}
+            least_side = float(self.sides().min())
+            self.begun = {"time": now.time, "is_at_rest": bool(is_at_rest), "least_side": least_side, **self.mark()}
+            if (ratio := self.size_ratio()) < LEAST_RATIO:
+                LOG.warning(
+                    "the sample is only %.1f of its largest grains across: below %g, walls and single grains rule what "
+                    "it bears; take more grains",
+                    ratio,
+                    LEAST_RATIO,
+                )
             self.sample_time = max(self.sample_time, self.duration() / N_SAMPLES)
             self._enter_stage()
 
     def memory(self) -> dict[str, Any]:
         """Return what the run remembers besides state and samples, as JSON values."""
-        return {**super().memory(), "gathered": self.gathered, "begun": self.begun, "sample_time": self.sample_time}
+        return {
+            **super().memory(),
+            "gathered": self.gathered,
+            "begun": self.begun,
+            "sample_time": self.sample_time,
+            "void": self.void,
+        }
 
     def recall(self, memory: Mapping[str, Any]) -> None:
         """Take back what `memory` gave."""
         super().recall(memory)
         self.gathered, self.begun = memory["gathered"], memory["begun"]
-        self.sample_time = memory["sample_time"]
+        self.sample_time, self.void = memory["sample_time"], memory["void"]
         self._forget_probes()
         self._enter_stage()
 

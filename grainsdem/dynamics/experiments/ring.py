@@ -11,7 +11,7 @@ from exporters.mjcf import MjcfOptions, units
 from grainsdem.dynamics.experiments.cells import Annulus
 from grainsdem.dynamics.experiments.registry import experiment
 from grainsdem.dynamics.experiments.rig import (
-    RunReport,
+    LoadingReport,
     Shear,
     Staged,
     assemble,
@@ -108,7 +108,7 @@ class RingSample(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class RingReport(RunReport):
+class RingReport(LoadingReport):
     """What a ring shear test measured.
 
     Parameters
@@ -130,10 +130,6 @@ class RingReport(RunReport):
         of the ring. 0.5 means that the shear is spread evenly, more that it is near the lid.
     initial_solid_fraction, final_solid_fraction : float
         When shear began, and the mean over the last half of the strain.
-    inertial_number : float
-        γ̇ d √(ρ/σ).
-    is_compressed : bool
-        Whether the bed was at rest when shear began.
     """
 
     peak_friction: float
@@ -146,8 +142,6 @@ class RingReport(RunReport):
     half_height: float
     initial_solid_fraction: float
     final_solid_fraction: float
-    inertial_number: float
-    is_compressed: bool
 
 
 def _panels(series: Series, profile: Series) -> list[Panel]:
@@ -310,6 +304,15 @@ class _Ring(Staged[RingReport]):
         """Return the stresses that must be one in a compressed bed."""
         return row.normal_stress, row.normal_stress_contacts
 
+    def held(self, row: RingSample) -> float:
+        """Return the pressure that is held at one while the bed is sheared."""
+        return row.normal_stress
+
+    def sides(self) -> Floats:
+        """Return the present sides [d] of the sample."""
+        annulus = self.annulus
+        return np.array([annulus.height(self.scene.engine), annulus.outer - annulus.inner])
+
     def words(self, row: RingSample) -> str:
         """Return a few words on a sample of the shear."""
         return f"strain {row.shear_strain:.2f}, τ/σ {row.friction:.2f}, {row.volumetric_strain:+.3f}"
@@ -360,7 +363,5 @@ class _Ring(Staged[RingReport]):
             half_height=crossing(profile["height"], profile["velocity"], 0.5),
             initial_solid_fraction=rows[0].solid_fraction,
             final_solid_fraction=float(fractions[last].mean()),
-            inertial_number=self.rate,
-            is_compressed=bool(self.begun and self.begun["is_at_rest"]),
-            **self.cost(),
+            **self.standing(),
         )

@@ -12,7 +12,8 @@ from grainsdem.dynamics.experiments.cells import SixWalls
 from grainsdem.dynamics.experiments.cells.meter import LIMIT_SPEED
 from grainsdem.dynamics.experiments.registry import experiment
 from grainsdem.dynamics.experiments.rig import (
-    RunReport,
+    VOID_SAMPLES,
+    LoadingReport,
     Shear,
     Staged,
     assemble,
@@ -43,6 +44,9 @@ if TYPE_CHECKING:
 
 PEAK_SPAN = 0.05
 """Axial strain over which stresses are averaged before their peak is looked for."""
+
+LARGEST_RATIO = 20.0
+"""Ratio σ1/σ3 that no bed of grains bears: an angle of friction of 65 degrees."""
 
 CRITICAL_SHARE = 0.25
 """Last part of the strain that is averaged for the critical state."""
@@ -90,7 +94,7 @@ class TriaxialSample(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class TriaxialReport(RunReport):
+class TriaxialReport(LoadingReport):
     """What a triaxial test measured.
 
     Parameters
@@ -111,10 +115,6 @@ class TriaxialReport(RunReport):
         Difference of the axial stress of the walls and that of the contacts, both averaged over the shear, relative.
     confining_pressure : float
         Pressure on the side walls [Pa], mean over the shear.
-    inertial_number : float
-        ε̇ d √(ρ/σ3).
-    is_compressed : bool
-        Whether the bed was at rest when shear began.
     """
 
     peak_friction_angle: float
@@ -126,8 +126,6 @@ class TriaxialReport(RunReport):
     final_solid_fraction: float
     stress_mismatch: float
     confining_pressure: float
-    inertial_number: float
-    is_compressed: bool
 
 
 def _panels(series: Series, profile: Series) -> list[Panel]:
@@ -265,6 +263,21 @@ class _Triaxial(Staged[TriaxialReport]):
         """Return the stresses that must be one in a compressed bed."""
         return row.axial_stress, row.lateral_stress, row.axial_stress_contacts, row.lateral_stress_contacts
 
+    def held(self, row: TriaxialSample) -> float:
+        """Return the pressure that is held at one while the bed is sheared."""
+        return row.lateral_stress
+
+    def fault(self) -> str:
+        """Return why the last samples of the shear are of no test: no sand bears such a ratio."""
+        rows = self.sheared()[-VOID_SAMPLES:]
+        ratio = sum(row.axial_stress for row in rows) / max(sum(row.lateral_stress for row in rows), 1e-9)
+        is_too_high = len(rows) == VOID_SAMPLES and ratio > LARGEST_RATIO
+        return super().fault() or (f"σ1/σ3 was {ratio:.0f}" if is_too_high else "")
+
+    def sides(self) -> Floats:
+        """Return the present sides [d] of the sample."""
+        return np.asarray(self.cell.lengths(self.scene.engine)[list(self.cell.axes)])
+
     def words(self, row: TriaxialSample) -> str:
         """Return a few words on a sample of the shear."""
         angle = np.degrees(friction_angle([row.axial_stress, row.lateral_stress]))
@@ -294,7 +307,6 @@ class _Triaxial(Staged[TriaxialReport]):
         at_peak = friction_angle([smooth(axial, span)[peak], smooth(lateral, span)[peak]])
         slopes = (dilation[span:] - dilation[:-span]) / (strains[span:] - strains[:-span])
         slope = slopes.max() if slopes.size else np.nan
-        begun = self.begun or {"is_at_rest": False}
         return TriaxialReport(
             peak_friction_angle=float(at_peak),
             critical_friction_angle=float(friction_angle([axial[last].mean(), lateral[last].mean()])),
@@ -305,7 +317,5 @@ class _Triaxial(Staged[TriaxialReport]):
             final_solid_fraction=rows[-1].solid_fraction,
             stress_mismatch=float(abs(inner.mean() / axial.mean() - 1)),
             confining_pressure=float(lateral.mean() * self.scene.units.stress),
-            inertial_number=self.rate,
-            is_compressed=begun["is_at_rest"],
-            **self.cost(),
+            **self.standing(),
         )
