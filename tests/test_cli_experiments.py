@@ -26,8 +26,9 @@ def run(*words, code=0):
 def test_a_collapse_writes_packing_history_and_figure(bed, tmp_path):
     result = run(
         "collapse", bed, tmp_path / "heap.h5", "--max-time", 1, "--history", tmp_path / "history.h5",
-        "--figure", tmp_path / "heap.png", "--json",
+        "--figure", tmp_path / "heap.png", "--forces", tmp_path / "forces.csv", "--json",
     )  # fmt: skip
+    assert (tmp_path / "forces.csv").read_text().startswith("i,j,gap,")
     told = json.loads(result.stdout)
     assert told["relative_run_out"] == pytest.approx(told["final_run_out"] / told["initial_run_out"] - 1)
     assert len(load(tmp_path / "heap.h5")) == 27
@@ -62,6 +63,7 @@ def test_an_ensemble_of_tilted_beds_is_told_with_its_interval(bed):
         (("collapse", "--release", "roof"), "release must name some of"),
         (("tilt", "--max-angle", 4), "max_angle"),
         (("tilt", "--figure", "curve.pdf"), "written as .png"),
+        (("tilt", "--forces", "forces.txt"), "contacts are written as .csv, .parquet, .graphml or .vtp; got '.txt'"),
     ],
 )
 def test_bad_input_is_refused_in_one_line_and_nothing_is_written(bed, tmp_path, words, told):

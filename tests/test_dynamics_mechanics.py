@@ -106,6 +106,32 @@ def test_a_column_under_load_among_idle_grains_is_a_force_chain():
 
 
 @pytest.mark.unit
+def test_forces_are_told_by_pair_with_their_parts_and_the_chain_that_they_are_in(tmp_path):
+    places = [[0.0, 0.0, k] for k in range(5)] + [[5.0 + k, 0.0, 0.0] for k in range(6)]
+    pairs = [[k, k + 1] for k in range(4)] + [[5 + k, 6 + k] for k in range(5)]
+    now = by_hand(pairs, [[3.0, 4.0, 10.0]] * 4 + [[0.1, 0, 0]] * 5, positions=places)
+    graph, columns = mechanics.contact_forces(now)
+    np.testing.assert_array_equal(graph.pairs, pairs)
+    np.testing.assert_allclose(columns["normal_force"], [10.0] * 4 + [0.1] * 5)
+    np.testing.assert_allclose(columns["tangential_force"], [5.0] * 4 + [0.0] * 5, atol=1e-15)
+    np.testing.assert_array_equal(columns["chain"], [0] * 4 + [-1] * 5)
+    rows = mechanics.write_forces(now, tmp_path / "forces.csv").read_text().splitlines()
+    assert rows[0].endswith("kind,force_x,force_y,force_z,normal_force,tangential_force,chain")
+    assert rows[1].endswith(",3.0,4.0,10.0,10.0,5.0,0")
+
+
+@pytest.mark.client
+def test_the_weight_of_a_stack_is_in_the_file_of_its_forces(stack, tmp_path):
+    graph, columns = mechanics.contact_forces(stack)
+    on_floor = graph.pairs[:, 0] < 0
+    weight = stack.masses().sum() * 9.81
+    # The floor pushes up on the lowest cube with the weight of all.
+    assert columns["force"][on_floor].sum(axis=0)[2] == pytest.approx(weight, rel=3e-3)
+    assert columns["normal_force"][on_floor].sum() == pytest.approx(weight, rel=3e-3)
+    assert (columns["tangential_force"] < 1e-2 * weight).all()
+
+
+@pytest.mark.unit
 def test_contacts_at_the_cone_of_friction_slide():
     pairs, places = [[0, 1], [1, 2]], [[0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 0]]
     now = by_hand(pairs, [[2.0, 1.0, 0.0], [2.0, 0.9, 0.0]], positions=places)

@@ -112,3 +112,31 @@ def test_what_cannot_be_written_is_refused(stack, tmp_path):
     with pytest.raises(ShapeError, match="3 grains; got 1"):
         write_edges(graph, tmp_path / "edges.csv", packing=cube_packing([[5.0, 5, 5]]))
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.client
+def test_more_columns_are_in_every_kind_of_file(stack, tmp_path):
+    import networkx as nx
+    from pyarrow import parquet
+
+    packing, graph = stack
+    more = {"load": [1.0, 2.0, 3.0], "chain": [-1, 0, 0], "force": np.arange(9.0).reshape(3, 3)}
+    paths = [write_edges(graph, tmp_path / f"bed{suffix}", packing=packing, columns=more) for suffix in SUFFIXES]
+    table, read, network, lines = (path.read_text() if path.suffix in {".csv", ".vtp"} else path for path in paths)
+    assert table.splitlines()[0].endswith(",kind,load,chain,force_x,force_y,force_z")
+    assert table.splitlines()[3].endswith(",3.0,0,6.0,7.0,8.0")
+    assert parquet.read_table(read)["force_y"].to_pylist() == [1.0, 4.0, 7.0]
+    assert nx.read_graphml(network, node_type=int).edges[0, 1]["load"] == 3.0
+    pv = pytest.importorskip("pyvista")
+    shown = pv.read(paths[3])
+    np.testing.assert_array_equal(shown.cell_data["force"], more["force"])
+    np.testing.assert_array_equal(shown.cell_data["chain"], more["chain"])
+    assert 'type="Int64" Name="chain"' in lines
+
+
+@pytest.mark.unit
+def test_a_column_of_another_length_is_refused(stack, tmp_path):
+    packing, graph = stack
+    with pytest.raises(ShapeError, match=r"load must be of shape \(3,\) or \(3, 3\); got \(2,\)"):
+        write_edges(graph, tmp_path / "bed.csv", packing=packing, columns={"load": [1.0, 2.0]})
+    assert list(tmp_path.iterdir()) == []

@@ -18,7 +18,7 @@ def test_a_recipes_experiments_are_run_and_written(tmp_path):
         **BED,
         "triaxial": {"strain": 0.01, "inertial_number": 0.1, "spheres": True},
         "collapse": {"max_time": 0.5, "seeds": 2},
-        "output": {"formats": [], "figures": True},
+        "output": {"formats": [], "figures": True, "forces": ["vtp", "png"]},
     }
     result = run(make(**tables), tmp_path)
     told = json.loads((tmp_path / "summary.json").read_text())
@@ -28,6 +28,7 @@ def test_a_recipes_experiments_are_run_and_written(tmp_path):
     assert set(load_history(tmp_path / "collapse" / "1.h5")) >= {"time", "run_out"}
     assert load(tmp_path / "triaxial.h5").provenance[-1].count("triaxial")
     names = {path.name for path in result.files}
+    assert {"triaxial_forces.vtp", "triaxial_forces.png"} <= names
     assert {"triaxial.h5", "triaxial_history.h5", "triaxial.png", "0.h5", "1.h5"} <= names
     assert all(path.exists() for path in result.files)
 

@@ -32,11 +32,20 @@ History = Annotated[
 Resume = Annotated[bool, typer.Option("--resume", help="Go on with the killed run of that history.")]
 Figure = Annotated[Path | None, typer.Option(help="Draw the curves here (.png).")]
 
+Forces = Annotated[
+    Path | None,
+    typer.Option(
+        help="Write the contacts at the end with their forces and force chains: .csv, .parquet, .graphml, .vtp for "
+        "ParaView, or a picture (.png)."
+    ),
+]
+
 FIRST: dict[str, tuple[Any, Any]] = {"bed": (Bed, ...), "output": (Output, ...)}
 """Parameters of every command before the options of its experiment: annotation, and default or none."""
 
 LAST: dict[str, tuple[Any, Any]] = {
     "start": (Start, "random"), "history": (History, None), "resume": (Resume, False), "figure": (Figure, None),
+    "forces": (Forces, None),
     "rng": (Rng, 0), "json_": (Json, False), "quiet": (Quiet, False),
 }  # fmt: skip
 """Those behind them."""
@@ -187,6 +196,7 @@ def _perform(
     history: Path | None,
     resume: bool,
     figure: Path | None,
+    forces: Path | None,
     rng: int,
     json_: bool,
     quiet: bool,
@@ -199,11 +209,14 @@ def _perform(
     from grainsdem.figures.frame import check_suffix
     from grainsdem.options import checked
     from grainsdem.recipe import keeping_last_good
+    from grainsdem.recipe.experiments import check_forces, draw_or_write_forces
     from grainsdem.screen import ChainProgress, print_facts
 
     storage.check_suffix(output)
     if figure is not None:
         check_suffix(figure)
+    if forces is not None:
+        check_forces(forces)
     options = checked(found.options, options)
     prepare("contacts", "shapes", quiet=quiet)
     packing = load(bed)
@@ -223,6 +236,8 @@ def _perform(
     storage.save(outcome.packing, output)
     if figure is not None:
         curve_figure(outcome.panels, figure)
+    if forces is not None:
+        draw_or_write_forces(outcome.snapshot, forces)
     report = outcome.report.to_dict()
     if json_:
         print_json(report)

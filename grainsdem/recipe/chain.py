@@ -109,6 +109,7 @@ def run(recipe: Recipe, folder: str | os.PathLike[str], monitor: Monitor | None 
         rng=recipe.rng,
         with_figures=recipe.output.figures,
         replays=recipe.output.replays,
+        forces=recipe.output.forces,
         refused=refused,
     )
     files += written

@@ -51,6 +51,9 @@ class OutputTable(Table):
     replays : list of str
         What the motions of settling and of experiments are written as: ``gif`` or ``webp`` for an animation, ``usdc``
         or ``usda`` for a stage and a layer over it with time samples, ``pvd`` for ParaView.
+    forces : list of str
+        What the contact forces at the end of each experiment are written as: ``csv``, ``parquet``, ``graphml``, ``vtp``
+        for ParaView, or ``png`` for a picture of the force chains.
     options : dict, optional
         Options of the formats; each gets those that it has.
     """
@@ -58,6 +61,7 @@ class OutputTable(Table):
     formats: tuple[str, ...] = ("xml", "usda", "stl")
     figures: bool = True
     replays: tuple[Literal["gif", "webp", "usdc", "usda", "pvd"], ...] = ()
+    forces: tuple[Literal["csv", "parquet", "graphml", "vtp", "png"], ...] = ()
     options: dict[str, Any] = Field(default_factory=dict)
 
     @model_validator(mode="after")

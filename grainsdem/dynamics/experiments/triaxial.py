@@ -272,7 +272,8 @@ class _Triaxial(Staged[TriaxialReport]):
         rows = self.sheared()[-VOID_SAMPLES:]
         ratio = sum(row.axial_stress for row in rows) / max(sum(row.lateral_stress for row in rows), 1e-9)
         is_too_high = len(rows) == VOID_SAMPLES and ratio > LARGEST_RATIO
-        return super().fault() or (f"σ1/σ3 was {ratio:.0f}" if is_too_high else "")
+        told = f"σ1/σ3 was {ratio:.1f}, at a strain of {self.strain_of(rows[-1]):.3g}" if is_too_high else ""
+        return super().fault() or told
 
     def sides(self) -> Floats:
         """Return the present sides [d] of the sample."""

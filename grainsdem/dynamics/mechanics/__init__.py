@@ -8,6 +8,7 @@ from grainsdem.dynamics.mechanics.energies import (
     rotations,
     unbalanced_force,
 )
+from grainsdem.dynamics.mechanics.forces import contact_forces, write_forces
 from grainsdem.dynamics.mechanics.layers import porosity_profile, velocity_profile
 from grainsdem.dynamics.mechanics.networks import (
     contact_graph,
@@ -27,6 +28,7 @@ __all__ = [
     "Energies",
     "Sample",
     "Snapshot",
+    "contact_forces",
     "contact_graph",
     "coordination",
     "displacements",
@@ -49,4 +51,5 @@ __all__ = [
     "traction",
     "unbalanced_force",
     "velocity_profile",
+    "write_forces",
 ]

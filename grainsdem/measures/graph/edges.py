@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -15,15 +15,27 @@ from grainsdem.errors import FileFormatError, MissingPackageError, ShapeError
 
 if TYPE_CHECKING:
     import os
+    from collections.abc import Mapping
+
+    from numpy.typing import ArrayLike, NDArray
 
     from grainsdem.model import ContactGraph, Packing
+
+    Columns = Mapping[str, ArrayLike]
+    Arrays = Mapping[str, NDArray[Any]]
 
 COLUMNS = ("i", "j", "gap", "area", "nx", "ny", "nz", "x", "y", "z", "kind")
 
 SUFFIXES = (".csv", ".parquet", ".graphml", ".vtp")
 
 
-def write_edges(graph: ContactGraph, path: str | os.PathLike[str], *, packing: Packing | None = None) -> Path:
+def write_edges(
+    graph: ContactGraph,
+    path: str | os.PathLike[str],
+    *,
+    packing: Packing | None = None,
+    columns: Columns | None = None,
+) -> Path:
     """Write the contacts as a file, in SI, under the grains' own ids; walls have negative ones.
 
     Parameters
@@ -36,6 +48,9 @@ def write_edges(graph: ContactGraph, path: str | os.PathLike[str], *, packing: P
         for ParaView.
     packing : Packing, optional
         Where the grains are; needed for ``.vtp``, and their positions are nodes' attributes in ``.graphml``.
+    columns : mapping of str to array_like, optional
+        More of each contact, such as its force: numbers, shape (m,), or vectors, shape (m, 3), which tables have as
+        three columns that end in ``_x``, ``_y`` and ``_z``.
 
     Returns
     -------
@@ -47,28 +62,39 @@ def write_edges(graph: ContactGraph, path: str | os.PathLike[str], *, packing: P
     FileFormatError
         If the suffix is another.
     ShapeError
-        If the packing is missing where it is needed, or has another number of grains.
+        If the packing is missing where it is needed or has another number of grains, or a column of rows.
     MissingPackageError
         If PyArrow, which writes Parquet, is not installed.
     """
     path = check_edges(path)
-    content = edges_content(graph, path.suffix.lower(), packing=packing)
+    content = edges_content(graph, path.suffix.lower(), packing=packing, columns=columns)
     with replacing(path) as temporary:
         temporary.write_bytes(content)
     return path
 
 
-def edges_content(graph: ContactGraph, suffix: str, *, packing: Packing | None = None) -> bytes:
+def edges_content(
+    graph: ContactGraph, suffix: str, *, packing: Packing | None = None, columns: Columns | None = None
+) -> bytes:
     """Return what `write_edges` writes to a file of one of `SUFFIXES`; it raises the same errors."""
     if packing is not None and len(packing) != graph.n_grains:
         raise ShapeError(f"the packing must have the graph's {graph.n_grains} grains; got {len(packing)}")
+    more = {name: np.asarray(values) for name, values in (columns or {}).items()}
+    for name, values in more.items():
+        if values.shape not in ((len(graph),), (len(graph), 3)):
+            raise ShapeError(f"{name} must be of shape ({len(graph)},) or ({len(graph)}, 3); got {values.shape}")
     if suffix == ".vtp":
         if packing is None:
             raise ShapeError("lines between grains need packing=: the graph does not know where the grains are")
-        return _vtp(graph, packing).encode()
+        return _vtp(graph, packing, more).encode()
+    flat = {
+        name if row is values else f"{name}_{axis}": row
+        for name, values in more.items()
+        for axis, row in zip("xyz", values.T if values.ndim == 2 else [values], strict=False)
+    }
     if suffix == ".parquet":
-        return _parquet(graph)
-    return (_csv(graph) if suffix == ".csv" else _graphml(graph, packing)).encode()
+        return _parquet(graph, flat)
+    return (_csv(graph, flat) if suffix == ".csv" else _graphml(graph, packing, flat)).encode()
 
 
 def check_edges(path: str | os.PathLike[str]) -> Path:
@@ -80,22 +106,24 @@ def check_edges(path: str | os.PathLike[str]) -> Path:
     return path
 
 
-def _rows(graph: ContactGraph) -> list[tuple[object, ...]]:
-    """Return one tuple of `COLUMNS` a contact."""
+def _rows(graph: ContactGraph, more: Arrays) -> list[tuple[object, ...]]:
+    """Return one tuple of `COLUMNS`, and what there is more, a contact."""
     numbers = np.column_stack([graph.gaps, graph.areas, graph.normals, graph.points]).tolist()
-    return [(*pair, *row, kind) for pair, row, kind in zip(graph.pairs.tolist(), numbers, graph.kinds(), strict=True)]
+    rest = list(zip(*(values.tolist() for values in more.values()), strict=True)) if more else [()] * len(graph)
+    parts = zip(graph.pairs.tolist(), numbers, graph.kinds(), rest, strict=True)
+    return [(*pair, *row, kind, *others) for pair, row, kind, others in parts]
 
 
-def _csv(graph: ContactGraph) -> str:
+def _csv(graph: ContactGraph, more: Arrays) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    writer.writerows(_rows(graph))
+    writer.writerow([*COLUMNS, *more])
+    writer.writerows(_rows(graph, more))
     return text.getvalue()
 
 
-def _parquet(graph: ContactGraph) -> bytes:
-    """Return the table of `COLUMNS` as a Parquet file, the same bytes for the same contacts."""
+def _parquet(graph: ContactGraph, more: Arrays) -> bytes:
+    """Return the table of `COLUMNS` and what there is more as Parquet, the same bytes for the same contacts."""
     try:
         import pyarrow as pa
         from pyarrow import parquet
@@ -106,17 +134,19 @@ def _parquet(graph: ContactGraph) -> bytes:
     kinds = pa.array(graph.kinds(), pa.string()).dictionary_encode()
     sink = io.BytesIO()
     units = {"units": "SI: gap, x, y, z in m, area in m²; normal from i to j; walls have negative ids"}
-    parquet.write_table(pa.table({**columns, COLUMNS[-1]: kinds}, metadata=units), sink, compression="zstd")
+    rest = {name: np.ascontiguousarray(values) for name, values in more.items()}
+    parquet.write_table(pa.table({**columns, COLUMNS[-1]: kinds, **rest}, metadata=units), sink, compression="zstd")
     return sink.getvalue()
 
 
-def _graphml(graph: ContactGraph, packing: Packing | None) -> str:
+def _graphml(graph: ContactGraph, packing: Packing | None, more: Arrays) -> str:
+    names = [*COLUMNS[2:], *more]
     lines = [
         '<?xml version="1.0" encoding="utf-8"?>',
         '<graphml xmlns="http://graphml.graphdrawing.org/xmlns">',
         *(
             f'<key id="{name}" for="edge" attr.name="{name}" attr.type="{"string" if name == "kind" else "double"}"/>'
-            for name in COLUMNS[2:]
+            for name in names
         ),
         *(f'<key id="p{axis}" for="node" attr.name="{axis}" attr.type="double"/>' for axis in "xyz"),
         '<graph edgedefault="undirected">',
@@ -127,13 +157,13 @@ def _graphml(graph: ContactGraph, packing: Packing | None) -> str:
         data = "".join(f'<data key="p{a}">{v!r}</data>' for a, v in zip("xyz", place, strict=False))
         lines.append(f'<node id="{grain}">{data}</node>')
     lines += [f'<node id="{wall}"/>' for wall in walls]
-    for i, j, *values in _rows(graph):
-        data = "".join(f'<data key="{n}">{v}</data>' for n, v in zip(COLUMNS[2:], values, strict=True))
+    for i, j, *values in _rows(graph, more):
+        data = "".join(f'<data key="{n}">{v}</data>' for n, v in zip(names, values, strict=True))
         lines.append(f"<edge source={quoteattr(str(i))} target={quoteattr(str(j))}>{data}</edge>")
     return "\n".join([*lines, "</graph>", "</graphml>", ""])
 
 
-def _vtp(graph: ContactGraph, packing: Packing) -> str:
+def _vtp(graph: ContactGraph, packing: Packing, more: Arrays) -> str:
     """Return lines from centroid to centroid, by way of the contact; from the wall's foot where one end is a wall."""
     i, j = graph.pairs.T
     there = packing.positions[j] + graph.shifts * packing.domain.lengths
@@ -162,6 +192,10 @@ def _vtp(graph: ContactGraph, packing: Packing) -> str:
             array("gap", "Float64", graph.gaps),
             array("area", "Float64", graph.areas),
             array("normal", "Float64", graph.normals, 3),
+            *(
+                array(name, "Int64" if values.dtype.kind in "iu" else "Float64", values, values[:1].size)
+                for name, values in more.items()
+            ),
             "</CellData>",
             "</Piece></PolyData></VTKFile>",
             "",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import exporters
@@ -9,13 +10,16 @@ from grainsdem import dynamics, storage
 from grainsdem.errors import UnstableError
 from grainsdem.figures.curves import curve_figure
 from grainsdem.figures.motion import animate
+from grainsdem.figures.networks import force_figure
+from grainsdem.measures.graph.edges import check_edges
 from grainsdem.recipe.words import noting
 
 if TYPE_CHECKING:
+    import os
     from collections.abc import Callable, Mapping, Sequence
-    from pathlib import Path
 
     from grainsdem.dynamics import Ensemble, Outcome
+    from grainsdem.dynamics.mechanics import Snapshot
     from grainsdem.model import Packing
     from grainsdem.recipe.experiments.tables import ExperimentTable
     from grainsdem.recipe.words import Monitor
@@ -59,6 +63,7 @@ def perform_all(
     with_figures: bool,
     refused: dict[str, str],
     replays: Sequence[str] = (),
+    forces: Sequence[str] = (),
 ) -> tuple[list[Path], dict[str, dict[str, Any]]]:
     """Run the experiments of a recipe, each on the same grains, and write them.
 
@@ -81,6 +86,8 @@ def perform_all(
         Where replays that cannot be written are noted, with their reasons.
     replays : sequence of str
         What motions are written as; see `write_replays`.
+    forces : sequence of str
+        What the contact forces at the end are written as, to ``NAME_forces``: suffixes without the dot.
 
     Returns
     -------
@@ -106,8 +113,25 @@ def perform_all(
         summaries[name] = outcome.report.to_dict()
         if with_figures and outcome.panels:
             files.append(curve_figure(outcome.panels, folder / f"{name}.png"))
+        for suffix in forces:
+            path_of_forces = folder / f"{name}_forces.{suffix}"
+            with noting(refused, path_of_forces.name):
+                files.append(draw_or_write_forces(outcome.snapshot, path_of_forces))
         files += write_replays(outcome.packing, path, folder / f"{name}_replay", replays, monitor, refused=refused)
     return files, summaries
+
+
+def check_forces(path: str | os.PathLike[str]) -> None:
+    """Raise `FileFormatError` unless contact forces can be written to a path, by its suffix."""
+    if Path(path).suffix.lower() != ".png":
+        check_edges(path)
+
+
+def draw_or_write_forces(now: Snapshot, path: str | os.PathLike[str]) -> Path:
+    """Write the contacts of an instant with their forces, or draw them, by the path's suffix."""
+    if Path(path).suffix.lower() != ".png":
+        return dynamics.mechanics.write_forces(now, path)
+    return force_figure(now.packing, *dynamics.mechanics.contact_forces(now), path)
 
 
 def write_replays(
