@@ -40,6 +40,8 @@ class Rest(NamedTuple):
         Unit vector of gravity.
     are_spheres : bool
         Whether the grains were simulated as spheres.
+    rolling_friction : float
+        Coefficient of rolling friction [1].
     """
 
     time_step: float
@@ -47,6 +49,7 @@ class Rest(NamedTuple):
     wall_friction: float | None
     down: tuple[float, float, float]
     are_spheres: bool
+    rolling_friction: float = 0.0
 
 
 def resting(rest: Rest) -> dict[str, Any]:
@@ -84,6 +87,14 @@ def frictions(packing: Packing, friction: float | None, wall_friction: float | N
         if rest is not None and wall_friction is None:
             wall_friction = rest.wall_friction
     return friction, friction if wall_friction is None else wall_friction
+
+
+def rolling_friction(packing: Packing, asked: float | None) -> float:
+    """Return the coefficient of rolling friction: that asked for, that of the bed at rest, or none."""
+    if asked is not None:
+        return asked
+    rest = rest_of(packing)
+    return 0.0 if rest is None else rest.rolling_friction
 
 
 def time_step(packing: Packing, asked: float | None) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 from exporters.container import GRAIN_COLOURS, container_box, plane_frames, world_bounds
 from exporters.mjcf.grains import PLAIN
 from exporters.mjcf.options import ITERATIONS, NOSLIP_AT_REST
-from exporters.rest import down, frictions, rest_of, time_step
+from exporters.rest import down, frictions, rest_of, rolling_friction, time_step
 from exporters.text import rows_of_text
 
 if TYPE_CHECKING:
@@ -127,6 +127,9 @@ def _settings(bed: Bed, options: MjcfOptions) -> dict[str, object]:
     step = time_step(packing, options.time_step) * (1.0 if is_grain else np.sqrt(bed.diameter / gravity))
     box = np.stack([packing.domain.lower, packing.domain.upper]) / scales.length
     friction, wall_friction = frictions(packing, options.friction, options.wall_friction)
+    # MuJoCo's coefficients of torsion and of rolling are lengths: those of the torques' arms.
+    arm = 0.5 * bed.diameter * rolling_friction(packing, options.rolling_friction)
+    rolling = f" {arm:.9g} {arm:.9g}" if arm > 0 else ""
     noslip = options.noslip_iterations
     if noslip is None:
         noslip = NOSLIP_AT_REST if rest_of(packing) is not None and options.solver == "PGS" else 0
@@ -152,11 +155,11 @@ def _settings(bed: Bed, options: MjcfOptions) -> dict[str, object]:
         "noslip": noslip,
         "solref": f"{2 * step:.9g}",  # the stiffest that the step can carry
         "width": f"{options.contact_width * bed.diameter:.9g}",
-        "friction": f"{friction:.9g}",
-        "wall_friction": f"{wall_friction:.9g}",
-        # One dimension: a contact without friction has no tangential rows to solve for.
-        "condim": 3 if friction > 0 else 1,
-        "wall_condim": 3 if wall_friction > 0 else 1,
+        "friction": f"{friction:.9g}{rolling}",
+        "wall_friction": f"{wall_friction:.9g}{rolling}",
+        # One dimension: a contact without friction has no tangential rows to solve for. Six: it resists rolling too.
+        "condim": 6 if rolling else 3 if friction > 0 else 1,
+        "wall_condim": 6 if rolling else 3 if wall_friction > 0 else 1,
         # MuJoCo takes the larger friction of a pair unless one has priority.
         "priority": int(wall_friction != friction),
     }

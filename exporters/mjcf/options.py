@@ -32,6 +32,11 @@ class MjcfOptions:
     wall_friction : float, optional
         Coefficient of friction between grains and walls [1]; that of the grains by default, or with theirs that which
         the bed came to rest with.
+    rolling_friction : float, optional
+        Coefficient of rolling friction [1]: a contact resists rolling, and spinning about its normal, with torques of at
+        most this times half the median diameter times the normal force. A sphere of that diameter rolls down a slope
+        steeper than its arctangent. That which the bed came to rest with by default, else none; with it contacts have
+        six dimensions instead of three, and steps take several times as long.
     gravity : float
         Acceleration [m/s²]; it is one in grain units.
     time_step : float, optional
@@ -81,6 +86,7 @@ class MjcfOptions:
 
     friction: float | None = None
     wall_friction: float | None = None
+    rolling_friction: float | None = None
     gravity: float = 9.81
     time_step: float | None = None
     solver: Literal["PGS", "CG", "Newton"] = "PGS"
@@ -102,7 +108,7 @@ class MjcfOptions:
         for name in ("gravity", "impratio", "contact_width"):
             check_positive(name, getattr(self, name))
         check_positive("tolerance", self.tolerance, or_zero=True)
-        for name in ("friction", "wall_friction", "noslip_iterations"):
+        for name in ("friction", "wall_friction", "rolling_friction", "noslip_iterations"):
             if getattr(self, name) is not None:
                 check_positive(name, getattr(self, name), or_zero=True)
         for name in ("time_step", "iterations", "memory"):

@@ -44,6 +44,9 @@ def settle(
     wall_friction: Annotated[
         float | None, typer.Option(help="The same with the walls; by default as among grains.")
     ] = None,
+    rolling_friction: Annotated[
+        float, typer.Option(help="Coefficient of rolling friction; steps take longer with one.")
+    ] = 0.0,
     gravity: Annotated[float, typer.Option(help="Acceleration [m/s²].")] = 9.81,
     direction: Annotated[
         tuple[float, float, float] | None, typer.Option(help="Where gravity points; by default straight down.")
@@ -86,6 +89,7 @@ def settle(
             spheres=spheres,
             friction=friction,
             wall_friction=wall_friction,
+            rolling_friction=rolling_friction,
             gravity=gravity,
             direction=direction,
             density=densities(density),

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from exporters import mjcf
-from exporters.rest import Rest, frictions, resting
+from exporters.rest import Rest, frictions, resting, rolling_friction
 from grainsdem.dynamics.budget import estimate, refuse_memory
 from grainsdem.dynamics.engine import Apparatus, load
 from grainsdem.dynamics.engine.lockstep import joined
@@ -94,7 +94,8 @@ class Scene:
         friction, wall_friction = frictions(self.source, options.friction, options.wall_friction)
         gravity = self.engine.gravity
         x, y, z = (gravity / np.linalg.norm(gravity)).tolist()
-        return resting(Rest(self.engine.time_step, friction, wall_friction, (x, y, z), self.are_spheres))
+        rolling = rolling_friction(self.source, options.rolling_friction)
+        return resting(Rest(self.engine.time_step, friction, wall_friction, (x, y, z), self.are_spheres, rolling))
 
     def time(self) -> float:
         """Return the simulated time."""

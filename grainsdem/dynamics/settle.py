@@ -159,6 +159,7 @@ def settle(
     spheres: bool = False,
     friction: float = 0.5,
     wall_friction: float | None = None,
+    rolling_friction: float = 0.0,
     gravity: float = 9.81,
     direction: ArrayLike | None = None,
     density: float | Mapping[float, float] | Callable[[Floats], ArrayLike] | None = None,
@@ -187,6 +188,8 @@ def settle(
         Coefficient of friction among grains [1].
     wall_friction : float, optional
         Coefficient of friction with the walls [1]; that of the grains by default.
+    rolling_friction : float
+        Coefficient of rolling friction [1]; see `exporters.mjcf.MjcfOptions`.
     gravity : float
         Acceleration [m/s²].
     direction : array_like, shape (3,), optional
@@ -232,7 +235,13 @@ def settle(
     """
     if not max_time > 0:
         raise InputError(f"max_time must be positive; got {max_time}")
-    options = MjcfOptions(friction=friction, wall_friction=wall_friction, gravity=gravity, time_step=time_step)
+    options = MjcfOptions(
+        friction=friction,
+        wall_friction=wall_friction,
+        rolling_friction=rolling_friction,
+        gravity=gravity,
+        time_step=time_step,
+    )
     first = begin(packing, start=start, spheres=spheres, density=density, rng=rng)
     allow(settling_budget(first, time_step=time_step, max_time=max_time), max_hours=max_hours)
     apparatus = equip(first, options, are_spheres=spheres)
@@ -250,6 +259,7 @@ def settle(
         spheres=spheres,
         friction=friction,
         wall_friction=wall_friction,
+        rolling_friction=rolling_friction,
         gravity=gravity,
         direction=None if direction is None else scene.engine.gravity.tolist(),
         time_step=time_step,

@@ -25,6 +25,8 @@ class SettleTable(Table):
         Coefficient of friction among grains.
     wall_friction : float, optional
         Coefficient of friction with the walls; that of the grains by default.
+    rolling_friction : float
+        Coefficient of rolling friction.
     gravity : float
         Acceleration [m/s²].
     direction : list of three floats, optional
@@ -46,6 +48,7 @@ class SettleTable(Table):
     spheres: bool = False
     friction: Coefficient = 0.5
     wall_friction: Coefficient | None = None
+    rolling_friction: Coefficient = 0.0
     gravity: Positive = 9.81
     direction: Direction | None = None
     density: Positive | Shares | None = None

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, Unpack
 
 import numpy as np
 
-from exporters.mjcf import MjcfOptions, units
+from exporters.mjcf import units
 from grainsdem.dynamics.experiments.cells import SixWalls
 from grainsdem.dynamics.experiments.cells.meter import LIMIT_SPEED
 from grainsdem.dynamics.experiments.registry import experiment
@@ -18,7 +18,7 @@ from grainsdem.dynamics.experiments.rig import (
     pressure_gravity,
 )
 from grainsdem.dynamics.experiments.shared import CompactionFriction, Friction, Run
-from grainsdem.dynamics.experiments.start import in_block
+from grainsdem.dynamics.experiments.start import in_block, options_of
 from grainsdem.dynamics.mechanics import coordination, snapshot, stress
 from grainsdem.errors import InputError
 from grainsdem.geometry.integrals import volumes
@@ -175,9 +175,7 @@ def compact(
     walls and in contacts are within 3 % of that asked for, or the porosity within 1e-4.
     """
     first = in_block(packing, run)
-    options = MjcfOptions(
-        friction=friction, gravity=pressure_gravity(first, pressure), time_step=run["time_step"], walls="none"
-    )
+    options = options_of(run, friction=friction, gravity=pressure_gravity(first, pressure), walls="none")
     cell = SixWalls(first, units(first, options.gravity))
     scene = assemble(first, options, cell.furnish, spheres=run["spheres"])
     found = _Compact(scene, cell, (compaction_friction, friction), porosity, max_time)

@@ -12,6 +12,7 @@ from grainsdem.dynamics.experiments.cells.meter import Meter
 from grainsdem.dynamics.experiments.registry import experiment
 from grainsdem.dynamics.experiments.rig import RunReport, Trial, assemble
 from grainsdem.dynamics.experiments.shared import Friction, Gravity, Run, WallFriction
+from grainsdem.dynamics.experiments.start import options_of
 from grainsdem.dynamics.mechanics import coordination, sample, snapshot
 from grainsdem.dynamics.starting import begin
 from grainsdem.dynamics.watch import distance_outside
@@ -176,7 +177,7 @@ def tap(
         )
     first = begin(packing, start="place" if run["rng"] is None else "pour", spheres=run["spheres"], rng=run["rng"])
     height = 0.5 if amplitude is None else amplitude / units(first, gravity).length
-    options = MjcfOptions(friction=friction, wall_friction=wall_friction, gravity=gravity, time_step=run["time_step"])
+    options = options_of(run, friction=friction, wall_friction=wall_friction, gravity=gravity)
     scene = assemble(first, options, spheres=run["spheres"])
     return _Tap(scene, options, Shaking(taps, height, acceleration))
 

@@ -7,7 +7,7 @@ from grainsdem.dynamics.experiments.resting import Resting, pour
 from grainsdem.dynamics.experiments.rig import JsonReport, Outcome, Staged, Trial, assemble
 from grainsdem.dynamics.experiments.ring import RingReport, ring_shear
 from grainsdem.dynamics.experiments.shared import CompactionFriction, Friction, Gravity, Run, WallFriction
-from grainsdem.dynamics.experiments.start import as_asked, in_block
+from grainsdem.dynamics.experiments.start import as_asked, in_block, options_of
 from grainsdem.dynamics.experiments.tilt import TiltReport, tilt
 from grainsdem.dynamics.experiments.triaxial import TriaxialReport, triaxial
 
@@ -34,6 +34,7 @@ __all__ = [
     "direct_shear",
     "experiment",
     "in_block",
+    "options_of",
     "pour",
     "ring_shear",
     "tilt",

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, Unpack
 
 import numpy as np
 
-from exporters.mjcf import MjcfOptions
 from grainsdem.dynamics.experiments.registry import experiment
 from grainsdem.dynamics.experiments.resting import Resting, pour
 from grainsdem.dynamics.experiments.rig import RunReport, assemble
 from grainsdem.dynamics.experiments.shared import Friction, Gravity, Run, WallFriction
+from grainsdem.dynamics.experiments.start import options_of
 from grainsdem.dynamics.mechanics import snapshot
 from grainsdem.dynamics.mechanics.slopes import Slope, directions, run_out, surface
 from grainsdem.errors import InputError
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from exporters.mjcf import MjcfOptions
     from grainsdem.dynamics.experiments.rig import Series
     from grainsdem.dynamics.scene import Scene
 
@@ -138,7 +139,7 @@ def collapse(
     repose is that of the least-squares line through the bins from the last one above 80 % to the first one below 20 %
     of the greatest height: neither crest nor toe.
     """
-    options = MjcfOptions(friction=friction, wall_friction=wall_friction, gravity=gravity, time_step=run["time_step"])
+    options = options_of(run, friction=friction, wall_friction=wall_friction, gravity=gravity)
     scene = assemble(pour(packing, run), options, spheres=run["spheres"])
     walls = _walls(scene)
     chosen = walls if release is None else list(release)

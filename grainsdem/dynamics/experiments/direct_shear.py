@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, Unpack
 
 import numpy as np
 
-from exporters.mjcf import MjcfOptions, units
+from exporters.mjcf import units
 from grainsdem.dynamics.experiments.cells import ShearBox
 from grainsdem.dynamics.experiments.registry import experiment
 from grainsdem.dynamics.experiments.rig import (
@@ -22,7 +22,7 @@ from grainsdem.dynamics.experiments.rig import (
     smooth,
 )
 from grainsdem.dynamics.experiments.shared import CompactionFriction, Friction, InertialNumber, NormalStress, Run
-from grainsdem.dynamics.experiments.start import as_asked
+from grainsdem.dynamics.experiments.start import as_asked, options_of
 from grainsdem.dynamics.mechanics import coordination, sliding_fraction, snapshot, traction
 from grainsdem.geometry.integrals import volumes
 from grainsdem.model import Packing
@@ -172,10 +172,10 @@ def direct_shear(
     """
     grains = as_asked(packing, run)
     box = ShearBox(grains, rng=run["rng"])
-    options = MjcfOptions(
+    options = options_of(
+        run,
         friction=friction,
         gravity=pressure_gravity(grains, normal_stress),
-        time_step=run["time_step"],
         walls="none",
     )
     scales = units(box.packing, options.gravity)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, Unpack
 
 import numpy as np
 
-from exporters.mjcf import MjcfOptions, units
+from exporters.mjcf import units
 from grainsdem.dynamics.experiments.cells import Annulus
 from grainsdem.dynamics.experiments.registry import experiment
 from grainsdem.dynamics.experiments.rig import (
@@ -23,7 +23,7 @@ from grainsdem.dynamics.experiments.rig import (
     smooth,
 )
 from grainsdem.dynamics.experiments.shared import CompactionFriction, Friction, InertialNumber, NormalStress, Run
-from grainsdem.dynamics.experiments.start import as_asked
+from grainsdem.dynamics.experiments.start import as_asked, options_of
 from grainsdem.dynamics.mechanics import (
     coordination,
     sliding_fraction,
@@ -197,11 +197,11 @@ def ring_shear(
     """
     grains = as_asked(packing, run)
     annulus = Annulus(grains, inner_radius, outer_radius, rng=run["rng"])
-    options = MjcfOptions(
+    options = options_of(
+        run,
         friction=friction,
         wall_friction=0.0,
         gravity=pressure_gravity(grains, normal_stress),
-        time_step=run["time_step"],
     )
     scales = units(annulus.packing, options.gravity)
     scene = assemble(

@@ -36,6 +36,14 @@ class Run(TypedDict, total=False):
 
     spheres: Annotated[bool, option("Replace each grain by the sphere of equal volume.")]
     time_step: Annotated[float, option("Time step in units of t = √(d/g), or d √(ρ/P) under a pressure P.", gt=0)]
+    rolling_friction: Annotated[
+        float,
+        option(
+            "Coefficient of rolling friction: a contact resists with a torque of at most this times its normal force "
+            "times d/2, d being the median diameter; heaps of spheres then come to rest, and steps take longer.",
+            ge=0,
+        ),
+    ]
     rng: np.random.Generator | int | None
     history_path: str | os.PathLike[str] | None
     resume: bool
@@ -45,6 +53,7 @@ class Run(TypedDict, total=False):
 DEFAULTS: dict[str, Any] = {
     "spheres": False,
     "time_step": 0.01,
+    "rolling_friction": 0.0,
     "rng": None,
     "history_path": None,
     "resume": False,

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from exporters.mjcf import MjcfOptions
 from grainsdem.dynamics.starting import as_spheres
 from grainsdem.errors import InputError
 from grainsdem.geometry.rotations import multiply, random_quaternions
@@ -35,6 +36,11 @@ a load, and spheres would be pressed into a crystal."""
 def as_asked(packing: Packing, run: Run) -> Packing:
     """Return the grains as they are, or the spheres of equal volume."""
     return as_spheres(packing) if run["spheres"] else packing
+
+
+def options_of(run: Run, **own: Any) -> MjcfOptions:
+    """Return what the simulation is like: what every run has, and what an experiment gives besides."""
+    return MjcfOptions(time_step=run["time_step"], rolling_friction=run["rolling_friction"], **own)
 
 
 def in_block(packing: Packing, run: Run) -> Packing:

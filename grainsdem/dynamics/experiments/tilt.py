@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, Unpack
 
 import numpy as np
 
-from exporters.mjcf import MjcfOptions
 from grainsdem.dynamics.experiments.registry import experiment
 from grainsdem.dynamics.experiments.resting import Resting, pour
 from grainsdem.dynamics.experiments.rig import RunReport, assemble
 from grainsdem.dynamics.experiments.shared import Friction, Gravity, Run, WallFriction
+from grainsdem.dynamics.experiments.start import options_of
 from grainsdem.dynamics.mechanics import snapshot
 from grainsdem.model import Packing
 from grainsdem.options import option
@@ -135,7 +135,7 @@ def tilt(
     While the mean kinetic energy is above 1e-4 m g d gravity stands still, for 20 √(d/g) at most, so that an avalanche
     ends, or fails the bed, at the angle at which it began. A block slides within a degree of atan μ at a rate of 0.004.
     """
-    options = MjcfOptions(friction=friction, wall_friction=wall_friction, gravity=gravity, time_step=run["time_step"])
+    options = options_of(run, friction=friction, wall_friction=wall_friction, gravity=gravity)
     scene = assemble(pour(packing, run), options, spheres=run["spheres"])
     return _Tilt(scene, rate, max_angle)
 

@@ -23,7 +23,7 @@ from grainsdem.dynamics.experiments.rig import (
     smooth,
 )
 from grainsdem.dynamics.experiments.shared import CompactionFriction, Friction, InertialNumber, Run
-from grainsdem.dynamics.experiments.start import in_block
+from grainsdem.dynamics.experiments.start import in_block, options_of
 from grainsdem.dynamics.mechanics import coordination, friction_angle, sliding_fraction, snapshot, stress
 from grainsdem.dynamics.mechanics.slopes import directions
 from grainsdem.geometry.integrals import volumes
@@ -178,10 +178,10 @@ def triaxial(
     momentum that they took. The walls are smooth.
     """
     start = in_block(packing, run)
-    cell_options = MjcfOptions(
+    cell_options = options_of(
+        run,
         friction=friction,
         gravity=pressure_gravity(start, confining_pressure),
-        time_step=run["time_step"],
         walls="none",
     )
     scene, cell = _build(start, cell_options, spheres=run["spheres"])
