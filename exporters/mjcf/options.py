@@ -33,7 +33,7 @@ class MjcfOptions:
         Coefficient of friction between grains and walls [1]; that of the grains by default, or with theirs that which
         the bed came to rest with.
     rolling_friction : float, optional
-        Coefficient of rolling friction [1]: a contact resists rolling, and spinning about its normal, with torques of at
+        Coefficient of rolling friction [1]: a contact resists rolling, and spinning about its normal, by torques of at
         most this times half the median diameter times the normal force. A sphere of that diameter rolls down a slope
         steeper than its arctangent. That which the bed came to rest with by default, else none; with it contacts have
         six dimensions instead of three, and steps take several times as long.
