@@ -109,8 +109,10 @@ def measure(
             check_table(path)
     if contacts is not None:
         check_edges(contacts)
-    prepare("contacts", "shapes", *(["walls"] if walls else []), quiet=quiet)
     packing = load(bed)
+    # While a bed knows its cells its porosity is known in closed form.
+    steps = ["contacts", *(["shapes"] if packing.links is None else []), *(["walls"] if walls else [])]
+    prepare(*steps, quiet=quiet)
     graph = grainsdem.contacts(packing, within=within, walls=walls and contacts is not None)
     sizes = {"distribution": grainsdem.size_distribution(packing, diameter=diameter)} if distribution else {}
     if neighbors is not None:
