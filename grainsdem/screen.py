@@ -107,7 +107,8 @@ def print_settling(console: Console, title: str, summary: dict[str, Any]) -> Non
         ("time, s", f"{summary['time']:.4g}{rest}"),
         ("kinetic energy of a grain, m g d", f"{summary['kinetic_energy']:.1e}"),
         ("largest overlap, d", f"{summary['overlap_max']:.1e}"),
-        ("force on the floor, weight", f"{summary['floor_force']:.4f}"),
+        ("borne by the floor, weight", f"{summary['floor_force']:.4f}"),
+        ("borne by the walls, weight", f"{summary['wall_force']:.4f}"),
     ]
     for row in rows:
         table.add_row(*row)

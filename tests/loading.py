@@ -46,6 +46,11 @@ def first_at_rest(run, *, seeds=(1, 2, 3)):
     pytest.fail(f"none of {len(seeds)} runs came to rest")
 
 
+def borne(report):
+    """Return what floor and walls bear of the weight of a settled bed."""
+    return report.floor_force + report.wall_force
+
+
 def check_that_it_goes_on(experiment, packing, folder, *, samples, **options):
     """Interrupt a run after so many samples, let it go on, and compare it with one that was not, to the bit."""
 

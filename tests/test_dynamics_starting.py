@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 from conftest import cube_packing
-from loading import first_at_rest, grow_few
+from loading import borne, first_at_rest, grow_few
 
 from grainsdem.dynamics import settle
 from grainsdem.dynamics.starting import as_spheres, begin, sphere_radii
@@ -21,7 +21,7 @@ from grainsdem.tessellation import relax, tessellate
 from grainsdem.validation import validate
 
 FLOOR_FORCE = 0.05
-"""How far from the weight the floor's force may be told at rest (`test_dynamics.FLOOR_FORCE`)."""
+"""How far from the weight the force on floor and walls may be told at rest (`test_dynamics.FLOOR_FORCE`)."""
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +88,7 @@ def test_a_density_may_be_a_law_of_the_diameter(fresh):
 
 @pytest.mark.client
 def test_rain_comes_to_rest_as_a_bed(rained):
-    assert rained.report.floor_force == pytest.approx(1.0, abs=FLOOR_FORCE)
+    assert borne(rained.report) == pytest.approx(1.0, abs=FLOOR_FORCE)
     assert validate(rained.packing, overlap=1e-3).ok
 
 
@@ -110,7 +110,7 @@ def test_rain_keeps_its_speed_until_it_is_let_go(few):
 @pytest.mark.client
 def test_spheres_come_to_rest_on_the_floor_and_beside_each_other(few):
     result = first_at_rest(lambda seed: settle(few, start="pour", spheres=True, rng=seed, max_time=60.0))
-    assert result.report.floor_force == pytest.approx(1.0, abs=FLOOR_FORCE)
+    assert borne(result.report) == pytest.approx(1.0, abs=FLOOR_FORCE)
     # Each rests on the floor or on others: none hangs lower than its radius.
     radii = np.cbrt(0.75 / np.pi * volumes(result.packing.grains))
     assert (result.packing.positions[:, 2] > (1 - 2e-3) * radii).all()
@@ -144,7 +144,7 @@ def test_a_sphere_rolls_down_as_rolling_does():
 @pytest.mark.parametrize(("start", "spheres"), [("place", False), ("rain", False), ("pour", True)])
 def test_planar_beds_settle_in_their_plane(flat, start, spheres):
     result = first_at_rest(lambda seed: settle(flat, start=start, spheres=spheres, rng=seed, max_time=60.0))
-    assert result.report.floor_force == pytest.approx(1.0, abs=FLOOR_FORCE)
+    assert borne(result.report) == pytest.approx(1.0, abs=FLOOR_FORCE)
     assert np.ptp(result.packing.positions[:, 2]) < 1e-9
     np.testing.assert_allclose(to_matrices(result.packing.quaternions)[:, 2, 2], 1.0, atol=1e-9)
     assert result.packing.positions[:, 1].min() > 0

@@ -30,7 +30,8 @@ from grainsdem.dynamics.experiments import (
     tilt,
     triaxial,
 )
-from grainsdem.dynamics.settle import Progress, Settled, SettleReport, settle
+from grainsdem.dynamics.loop import Progress
+from grainsdem.dynamics.settle import Settled, SettleReport, settle
 
 __all__ = [
     "CollapseReport",

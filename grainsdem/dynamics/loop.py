@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -40,6 +40,30 @@ SAMPLES_PER_FRAME = 2
 
 HALVINGS = 3
 """How often the time step is halved before a run is given up."""
+
+
+class Progress(NamedTuple):
+    """What a long run is waiting for.
+
+    Parameters
+    ----------
+    time : float
+        Simulated time [s].
+    limit : float
+        Time [s] at which it stops in any case.
+    energy : float
+        Mean kinetic energy of a grain [m g d].
+    goal : float
+        Energy that it is waiting for.
+    n_contacts : int
+        Contact points that carry force.
+    """
+
+    time: float
+    limit: float
+    energy: float
+    goal: float
+    n_contacts: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,8 +237,8 @@ class Loop:
 
     def _advance(self) -> int:
         engine = self.scene.engine
-        n_steps = max(1, round(self.sample_time / engine.time_step))
         self.prepare()
+        n_steps = max(1, round(self.sample_time / engine.time_step))
         if not self.is_driven:
             engine.step(n_steps)
             return n_steps

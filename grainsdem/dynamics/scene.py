@@ -67,6 +67,11 @@ class Scene:
         """The axis against gravity: y in planar work, else z."""
         return 1 if self.source.domain.is_planar else 2
 
+    @property
+    def floor(self) -> str:
+        """Name of the part that is the floor; in planar work it is the lower y wall."""
+        return "wall_y0" if self.source.domain.is_planar else "floor"
+
     def poses(self) -> tuple[Floats, Floats]:
         """Return positions, shape (n, 3), and quaternions, shape (n, 4), of the grains' own frames."""
         motion = self.engine.motion()

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from exporters.mjcf import MjcfOptions
 from grainsdem.dynamics.budget import allow, settling_budget
-from grainsdem.dynamics.loop import Loop, Record
+from grainsdem.dynamics.engine.relief import UNLOADING, weight_share
+from grainsdem.dynamics.loop import Loop, Progress, Record
 from grainsdem.dynamics.mechanics import SAMPLE_UNITS, Sample, contact_graph, sample, snapshot
 from grainsdem.dynamics.scene import equip, refuse_overlap, scene_of
-from grainsdem.dynamics.starting import RAIN_SPEED, begin
+from grainsdem.dynamics.starting import RAIN_SPEED, begin, downward
 from grainsdem.dynamics.watch import find_trouble
 from grainsdem.errors import InputError
 
@@ -55,30 +56,6 @@ LEAST_TIME = 2.0
 """Time before which nothing counts as rest [√(d/g)]: grains that have just been let go are slow, too."""
 
 
-class Progress(NamedTuple):
-    """What a long run is waiting for.
-
-    Parameters
-    ----------
-    time : float
-        Simulated time [s].
-    limit : float
-        Time [s] at which it stops in any case.
-    energy : float
-        Mean kinetic energy of a grain [m g d].
-    goal : float
-        Energy that it is waiting for.
-    n_contacts : int
-        Contact points that carry force.
-    """
-
-    time: float
-    limit: float
-    energy: float
-    goal: float
-    n_contacts: int
-
-
 @dataclass(frozen=True, slots=True)
 class SettleReport:
     """How a settling run went.
@@ -103,9 +80,10 @@ class SettleReport:
         Mean resultant force over mean contact force at the end.
     overlap_mean, overlap_max : float
         Depth of overlapping contacts at the end, relative to the median diameter.
-    floor_force : float
-        Force on the container along gravity over the weight of the grains, mean of the last samples: a single step's
-        forces are known to a few percent only.
+    floor_force, wall_force : float
+        What the floor and the side walls bear: force on them along gravity over the weight of the grains, mean of the
+        last samples, as a single step's forces are known to a few percent only. Together they are one at rest. In a
+        deep bed walls bear a part (Janssen); they push the grains down where it is negative.
     n_contacts : int
         Contact points that carry force at the end.
     """
@@ -121,6 +99,7 @@ class SettleReport:
     overlap_mean: float
     overlap_max: float
     floor_force: float
+    wall_force: float
     n_contacts: int
 
     def to_dict(self) -> dict[str, Any]:
@@ -138,8 +117,8 @@ class Settled:
         The grains where they came to rest.
     history : dict of ndarray
         Series over time: ``time`` [s], ``kinetic_energy`` and ``total_energy`` [m g d a grain],
-        ``unbalanced_force``, ``n_contacts``, ``overlap_mean`` and ``overlap_max`` [d], ``floor_force`` [weight],
-        ``height`` [m].
+        ``unbalanced_force``, ``n_contacts``, ``overlap_mean`` and ``overlap_max`` [d], ``floor_force`` and
+        ``wall_force`` [weight], ``height`` [m].
     report : SettleReport
         How the run went.
     contacts : ContactGraph
@@ -202,6 +181,7 @@ def settle(
     time_step : float
         Time step in units of √(d/g), d being the median diameter. The overlap at rest grows with its square, so a bed
         at rest on overlaps deeper than 5e-4 d goes on with half the step until they are shallower, three times at most.
+        Its contacts get stiffer under a quarter of its weight; the rest goes in 1 √(d/g) and comes back in 3.
     max_time : float
         Time limit in units of √(d/g), from when the last grain is let go.
     max_hours : float
@@ -246,7 +226,7 @@ def settle(
     allow(settling_budget(first, time_step=time_step, max_time=max_time), max_hours=max_hours)
     apparatus = equip(first, options, are_spheres=spheres)
     if direction is not None:
-        apparatus.set_gravity(_downward(direction, is_planar=packing.domain.is_planar))
+        apparatus.set_gravity(downward(direction, is_planar=packing.domain.is_planar))
     scene = scene_of(first, apparatus.text(), gravity, are_spheres=spheres)
     refuse_overlap(scene)
     run = SettleLoop(scene, Record(history_path, resume, {"max_time": max_time}), progress, max_time)
@@ -269,16 +249,6 @@ def settle(
     return Settled(settled, run.history(), _report(run), contact_graph(snapshot(scene)))
 
 
-def _downward(direction: ArrayLike, *, is_planar: bool) -> Floats:
-    """Return the unit vector along ``direction``, or raise `InputError` unless it points toward the floor."""
-    vector = np.asarray(direction, dtype=np.float64)
-    up = 1 if is_planar else 2
-    if vector.shape != (3,) or not np.isfinite(vector).all() or not vector[up] < 0 or (is_planar and vector[2] != 0):
-        allowed = "(x, y, 0) with y below zero" if is_planar else "(x, y, z) with z below zero"
-        raise InputError(f"direction must be {allowed}: there is no lid; got {np.asarray(direction).tolist()}")
-    return np.asarray(vector / np.linalg.norm(vector))
-
-
 class SettleLoop(Loop):
     """Grains that fall until they are at rest, and then once more with half the step while they overlap too much."""
 
@@ -292,6 +262,7 @@ class SettleLoop(Loop):
         self.refinements = 0
         self.at_rest = False
         self._rested_from = 0
+        self._relief: dict[str, Any] | None = None
         self._lowest = sample(scene).total_energy
         self._nozzle = np.inf
         self._is_wet = False
@@ -310,11 +281,13 @@ class SettleLoop(Loop):
         self._lowest = sample(scene).total_energy
 
     def prepare(self) -> None:
-        """Take the weight off grains that have not been let go."""
+        """Take the weight off grains that have not been let go, and most of it off a bed that is refined."""
         if self._is_wet:
             waiting = self.scene.poses()[0][:, self.scene.up] > self._nozzle
             self.scene.engine.hold_up(waiting)
             self._is_wet = bool(waiting.any())
+        if self._relief is not None:
+            self._relieve(**self._relief)
 
     def measure(self) -> Sample:
         """Return what the state of the last step says."""
@@ -330,7 +303,8 @@ class SettleLoop(Loop):
 
     def keep(self, now: Sample) -> None:
         """Tell the progress, and look whether the bed is at rest."""
-        self._lowest = min(self._lowest, now.total_energy)
+        if self._relief is None:
+            self._lowest = min(self._lowest, now.total_energy)
         if self.progress is not None:
             second = self.scene.units.time
             self.progress(
@@ -345,18 +319,33 @@ class SettleLoop(Loop):
                 self.refine()
 
     def refine(self) -> None:
-        """Halve the time step of a bed at rest, and wait for rest anew."""
+        """Halve the time step of a bed at rest once little weight is on it, and wait for rest under all of it anew."""
         self.refinements += 1
-        self._rested_from = len(self.samples)
-        self.halve_step()
+        self._relief = {"begun": self.scene.time(), "is_halved": False}
+        self._allow_lift()
 
     def halve_step(self) -> None:
-        """Halve the time step; the contacts that get stiffer with it may lift the bed by the overlaps they push out."""
+        """Halve the time step; contacts get stiffer with it."""
+        self._allow_lift()
+        super().halve_step()
+
+    def _relieve(self, begun: float, *, is_halved: bool) -> None:
+        """Leave a bed that is refined the weight that is due now, and halve its step under the least."""
+        since = self.scene.time() - begun
+        if not is_halved and since > UNLOADING - 0.5 * self.sample_time:
+            self._relief = {"begun": begun, "is_halved": True}
+            self.halve_step()
+        share = weight_share(since)
+        self.scene.engine.hold_up(np.full(self.scene.n_grains, 1.0 - share))
+        if share == 1.0 and since > UNLOADING:
+            self._relief, self._rested_from = None, len(self.samples)
+
+    def _allow_lift(self) -> None:
+        """Expect contacts that get stiffer, or bear less, to lift the bed by the overlaps that they push out."""
         last = self.samples[-1]
         floor = self.scene.source.domain.lower[self.scene.up] / self.scene.units.length
         # A column reaches up to twice the mean height and has no more contacts than diameters.
         self._lowest = last.total_energy + last.overlap_max * 2 * (last.height - floor)
-        super().halve_step()
 
     def in_si(self, row: Sample) -> Sample:
         """Return a sample with its time [s] and height [m] in SI."""
@@ -369,6 +358,7 @@ class SettleLoop(Loop):
             "refinements": self.refinements,
             "at_rest": self.at_rest,
             "rested_from": self._rested_from,
+            "relief": self._relief,
             "lowest": self._lowest,
             "is_wet": self._is_wet,
             "is_calm": self._is_calm,
@@ -378,12 +368,14 @@ class SettleLoop(Loop):
         """Take back what `memory` gave."""
         super().recall(memory)
         self.refinements, self.at_rest = memory["refinements"], memory["at_rest"]
-        self._rested_from, self._lowest = memory["rested_from"], memory["lowest"]
+        self._rested_from, self._relief = memory["rested_from"], memory["relief"]
+        self._lowest = memory["lowest"]
         self._is_wet, self._is_calm = memory["is_wet"], memory["is_calm"]
         self.scene.engine.set_drag(CALM_DRAG if self._is_calm else 0.0)
 
     def _rests(self) -> bool:
-        if self.scene.time() <= LEAST_TIME or len(self.samples) - self._rested_from <= REST_SAMPLES:
+        is_new = len(self.samples) - self._rested_from <= REST_SAMPLES
+        if is_new or self._relief is not None or self.scene.time() <= LEAST_TIME:
             return False
         last = self.samples[-REST_SAMPLES:]
         return all(s.kinetic_energy < REST_ENERGY and s.unbalanced_force < REST_FORCE for s in last)
@@ -391,6 +383,7 @@ class SettleLoop(Loop):
 
 def _report(run: SettleLoop) -> SettleReport:
     last, second = run.samples[-1], run.scene.units.time
+    lately = run.samples[-REST_SAMPLES:]
     return SettleReport(
         at_rest=run.at_rest,
         time=last.time * second,
@@ -402,6 +395,7 @@ def _report(run: SettleLoop) -> SettleReport:
         unbalanced_force=last.unbalanced_force,
         overlap_mean=last.overlap_mean,
         overlap_max=last.overlap_max,
-        floor_force=float(np.mean([s.floor_force for s in run.samples[-REST_SAMPLES:]])),
+        floor_force=float(np.mean([s.floor_force for s in lately])),
+        wall_force=float(np.mean([s.wall_force for s in lately])),
         n_contacts=int(last.n_contacts),
     )

@@ -77,6 +77,16 @@ def begin(
     return _lifted(packing) if start == "rain" else packing
 
 
+def downward(direction: ArrayLike, *, is_planar: bool) -> Floats:
+    """Return the unit vector along ``direction``, or raise `InputError` unless it points toward the floor."""
+    vector = np.asarray(direction, dtype=np.float64)
+    up = 1 if is_planar else 2
+    if vector.shape != (3,) or not np.isfinite(vector).all() or not vector[up] < 0 or (is_planar and vector[2] != 0):
+        allowed = "(x, y, 0) with y below zero" if is_planar else "(x, y, z) with z below zero"
+        raise InputError(f"direction must be {allowed}: there is no lid; got {np.asarray(direction).tolist()}")
+    return np.asarray(vector / np.linalg.norm(vector))
+
+
 def sphere_radii(packing: Packing) -> Floats:
     """Return the radius [m] of each grain's sphere of equal volume, shape (n,); in planar work, of its disc."""
     content = volumes(packing.grains)

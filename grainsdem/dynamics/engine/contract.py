@@ -109,8 +109,8 @@ class Engine(Protocol):
     def set_velocities(self, velocities: ArrayLike) -> None:
         """Set the velocities of the grains that are not glued [d/t], shape (n, 3); spins become zero."""
 
-    def hold_up(self, rows: NDArray[np.bool_]) -> None:
-        """Take the weight off some grains, shape (n,), and give it back to all others."""
+    def hold_up(self, shares: ArrayLike) -> None:
+        """Take a share of its weight, 0 to 1, off each grain, shape (n,), until the next call."""
 
     def set_drag(self, rate: float) -> None:
         """Let grains lose velocity and spin at a rate [1/t] besides all else, as in a fluid; zero for none."""

@@ -125,9 +125,9 @@ class MujocoEngine:
                 along = np.einsum("nki,ni->nk", self.data.xaxis[joints], values[rows])
             self.data.qvel[dofs[:, :axes]] = along
 
-    def hold_up(self, rows: NDArray[np.bool_]) -> None:
-        """Take the weight off some grains, shape (n,), and give it back to all others."""
-        lift = -self.masses[:, None] * self.gravity * np.asarray(rows)[:, None]
+    def hold_up(self, shares: ArrayLike) -> None:
+        """Take a share of its weight, 0 to 1, off each grain, shape (n,), until the next call."""
+        lift = -self.masses[:, None] * self.gravity * np.asarray(shares, dtype=np.float64)[:, None]
         self.data.xfrc_applied[self.body_of_grain, :3] = lift
 
     def set_drag(self, rate: float) -> None:

@@ -29,8 +29,9 @@ class Sample(NamedTuple):
         Number of contact points that carry force, walls included.
     overlap_mean, overlap_max : float
         Depth of the contacts that overlap [d].
-    floor_force : float
-        Force on the container along gravity over the weight of all grains.
+    floor_force, wall_force : float
+        What floor and side walls bear: force on them along gravity over the weight of all grains. Walls that push the
+        grains down bear less than nothing. At rest both together are one.
     height : float
         Mean height of the centroids [d].
     """
@@ -43,6 +44,7 @@ class Sample(NamedTuple):
     overlap_mean: float
     overlap_max: float
     floor_force: float
+    wall_force: float
     height: float
 
 
@@ -55,6 +57,7 @@ SAMPLE_UNITS = {
     "overlap_mean": "d",
     "overlap_max": "d",
     "floor_force": "weight",
+    "wall_force": "weight",
     "height": "m",
 }
 """Units of a `Sample` as it is stored: m is the mean mass of a grain, d the median diameter, g gravity."""
@@ -81,7 +84,9 @@ def sample(scene: Scene) -> Sample:
     normal_forces = np.einsum("ij,ij->i", contacts.forces, contacts.normals)
     depths = -contacts.gaps[contacts.gaps < 0]
     mean_force = normal_forces.mean() if normal_forces.size else 0.0
-    at_wall = contacts.pairs[:, 0] < 0
+    parts = -1 - contacts.pairs[:, 0]
+    borne = -(contacts.forces @ engine.gravity) / masses.sum()
+    is_floor = parts == (engine.parts.index(scene.floor) if scene.floor in engine.parts else np.inf)
     return Sample(
         time=engine.time,
         kinetic_energy=float(kinetic.mean() / mean_mass),
@@ -90,6 +95,7 @@ def sample(scene: Scene) -> Sample:
         n_contacts=normal_forces.size,
         overlap_mean=float(depths.mean()) if depths.size else 0.0,
         overlap_max=float(depths.max()) if depths.size else 0.0,
-        floor_force=float(-(contacts.forces[at_wall] @ engine.gravity).sum() / masses.sum()),
+        floor_force=float(borne[is_floor].sum()),
+        wall_force=float(borne[(parts >= 0) & ~is_floor].sum()),
         height=float(motion.positions[loose, scene.up].mean()),
     )

@@ -1,0 +1,168 @@
+"""Beds at rest whose contacts get stiffer: what weight is on them meanwhile, and what walls bear of it afterwards."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from importlib import import_module
+
+import numpy as np
+import pytest
+from chance import margin
+from conftest import cube_packing
+from loading import borne, grow
+
+from grainsdem.dynamics import settle
+from grainsdem.dynamics.checkpoint import checkpoint_path
+from grainsdem.dynamics.engine.relief import LEAST_WEIGHT, LOADING, UNLOADING, weight_share
+from grainsdem.dynamics.loop import SAMPLE_TIME
+from grainsdem.model import Domain
+
+settling = import_module("grainsdem.dynamics.settle")  # the function of the same name hides the module
+
+RELIEF = UNLOADING + LOADING
+
+
+@pytest.mark.unit
+def test_weight_goes_down_to_the_least_and_comes_back_whole_along_straight_lines():
+    assert weight_share(0.0) == 1.0
+    assert weight_share(UNLOADING) == LEAST_WEIGHT
+    assert weight_share(RELIEF) == weight_share(10 * RELIEF) == 1.0
+    halfway = 0.5 * (1.0 + LEAST_WEIGHT)
+    assert weight_share(0.5 * UNLOADING) == pytest.approx(halfway)
+    assert weight_share(UNLOADING + 0.5 * LOADING) == pytest.approx(halfway)
+
+
+@pytest.fixture
+def refined(monkeypatch):
+    """When [t] refinements began, and the time steps before them; every bed is refined once from now on."""
+
+    def refine(run):
+        begun.append((run.scene.time(), run.scene.engine.time_step))
+        refine_as_ever(run)
+
+    begun, refine_as_ever = [], settling.SettleLoop.refine
+    monkeypatch.setattr(settling.SettleLoop, "refine", refine)
+    monkeypatch.setattr(settling, "REST_OVERLAP", 0.0)
+    monkeypatch.setattr(settling, "REFINEMENTS", 1)
+    return begun
+
+
+@pytest.mark.client
+def test_a_block_presses_on_the_floor_with_the_weight_that_is_left_on_it(cube, refined):
+    result = settle(cube)
+    times, told = units_of_time(result), result.history["floor_force"]
+    assert result.report.refinements == len(refined) == 1
+    start, _ = refined[0]
+    # A sample tells of the steps before it; what is on a grain changes from sample to sample.
+    during = (times > start + 0.5 * SAMPLE_TIME) & (times < start + RELIEF + 1.5 * SAMPLE_TIME)
+    expected = [weight_share(time - SAMPLE_TIME - start) for time in times[during]]
+    assert min(expected) == pytest.approx(LEAST_WEIGHT)
+    np.testing.assert_allclose(told[during], expected, atol=0.02)
+    assert told[-1] == pytest.approx(1.0, abs=1e-3)
+
+
+@pytest.mark.client
+def test_a_step_is_halved_under_the_least_weight(cube, refined, monkeypatch):
+    def set_time_step(scene, step):
+        halved.append((scene.time(), step))
+        set_as_ever(scene, step)
+
+    halved, scenes = [], import_module("grainsdem.dynamics.scene")
+    set_as_ever = scenes.Scene.set_time_step
+    monkeypatch.setattr(scenes.Scene, "set_time_step", set_time_step)
+    settle(cube)
+    [(start, before)], [(time, after)] = refined, halved
+    assert time == pytest.approx(start + UNLOADING)
+    assert weight_share(time - start) == pytest.approx(LEAST_WEIGHT)
+    assert after == before / 2
+
+
+@pytest.mark.client
+def test_a_bed_counts_as_at_rest_only_under_its_whole_weight(cube, refined):
+    result = settle(cube)
+    start, _ = refined[0]
+    assert result.report.at_rest
+    assert units_of_time(result)[-1] > start + RELIEF + settling.REST_SAMPLES * SAMPLE_TIME
+
+
+@pytest.mark.client
+@pytest.mark.parametrize("after", [0.5 * UNLOADING, UNLOADING, RELIEF - 2 * SAMPLE_TIME])
+def test_a_run_that_is_killed_while_weight_is_off_goes_on_to_the_same_bits(after, refined, tmp_path, monkeypatch):
+    def interrupt(progress):
+        if refined and progress.time / second >= refined[0][0] + after:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(import_module("grainsdem.dynamics.loop"), "SAMPLES_PER_CHUNK", 1)
+    stack = cube_packing([[3.0, 3.0, 1.5], [3.3, 3.0, 4.0]], domain=Domain.box((6.0, 6.0, 8.0)))
+    whole = settle(stack)
+    second = whole.history["time"][1] / SAMPLE_TIME
+    refined.clear()
+    path = tmp_path / "parts.h5"
+    with pytest.raises(KeyboardInterrupt):
+        settle(stack, history_path=path, progress=interrupt)
+    with np.load(checkpoint_path(path)) as file:
+        assert json.loads(str(file["words"]))["memory"]["relief"] is not None
+    parts = settle(stack, history_path=path, resume=True)
+    assert parts.packing.positions.tobytes() == whole.packing.positions.tobytes()
+    assert parts.report == whole.report
+    for name, series in whole.history.items():
+        np.testing.assert_array_equal(parts.history[name], series)
+
+
+@pytest.mark.client
+@pytest.mark.parametrize("is_planar", [False, True])
+def test_a_block_without_friction_leans_on_a_wall_with_the_square_of_the_sine(is_planar):
+    # Gravity leans by an angle a: the floor bears W cos a, the wall W sin a, each at that angle to gravity.
+    angle = np.radians(30.0)
+    if is_planar:
+        block = cube_packing([[7.5, 1.2, 1.0]], domain=Domain.slab((9.0, 6.0), 2.0))
+        down = np.sin(angle), -np.cos(angle), 0.0
+    else:
+        block = cube_packing([[7.5, 3.0, 1.2]], domain=Domain.box((9.0, 6.0, 6.0)))
+        down = np.sin(angle), 0.0, -np.cos(angle)
+    report = settle(block, friction=0.0, direction=down).report
+    assert report.floor_force == pytest.approx(np.cos(angle) ** 2, abs=5e-3)
+    assert report.wall_force == pytest.approx(np.sin(angle) ** 2, abs=5e-3)
+
+
+def units_of_time(result):
+    """Return the times of the samples in units of √(d/g)."""
+    times = result.history["time"]
+    return times / times[1] * SAMPLE_TIME
+
+
+@pytest.fixture(scope="module")
+def columns(shake):
+    """What the walls bear of five deep beds: at rest, before and after their steps are halved, shape (5, 2)."""
+
+    def refine(run):
+        before.append(np.mean([row.wall_force for row in run.samples[-settling.REST_SAMPLES :]]))
+        refine_as_ever(run)
+
+    bed, shares = grow(160), []
+    tall = replace(bed, domain=Domain.box((5e-3, 5e-3, 12e-3)))
+    refine_as_ever = settling.SettleLoop.refine
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(settling.SettleLoop, "refine", refine)
+        for seed in range(1, 6):
+            before = []
+            report = settle(tall, start="pour", rng=seed, friction=0.6).report
+            assert report.refinements == len(before) > 0
+            assert borne(report) == pytest.approx(1.0, abs=0.05)
+            shares.append((before[0], report.wall_force))
+    return np.array(shares)
+
+
+@pytest.mark.slow
+@pytest.mark.statistical
+def test_walls_bear_a_part_of_a_deep_bed_whether_or_not_it_is_refined(columns):
+    # Janssen: grains that sink slip down along the walls, and friction holds them back.
+    assert (columns.mean(axis=0) > 0).all()
+
+
+@pytest.mark.slow
+@pytest.mark.statistical
+def test_walls_bear_as_much_of_a_bed_that_was_refined_as_before(columns):
+    before, after = columns.mean(axis=0)
+    assert after == pytest.approx(before, abs=0.03 + margin(0.05, measured=10, runs=5))
