@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 
 import pytest
 
@@ -59,3 +60,13 @@ def test_a_recipe_without_experiments_tells_nothing_of_them():
 def test_what_an_experiment_cannot_be_is_refused_by_its_key(table, words):
     with pytest.raises(InputError, match=words):
         make(**BED, **table)
+
+
+@pytest.mark.unit
+def test_a_recipe_with_experiments_is_the_same_through_pickle():
+    wanted = make(**BED, tilt={"rate": 0.02}, ring_shear={"strain": 0.5, "seeds": 3})
+    again = pickle.loads(pickle.dumps(wanted))  # noqa: S301  (our own)
+    assert again == wanted
+    assert again.model_dump() == wanted.model_dump()
+    assert again.experiments()["tilt"].experiment is wanted.experiments()["tilt"].experiment
+    assert again.model_fields_set == wanted.model_fields_set

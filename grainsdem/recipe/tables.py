@@ -113,6 +113,10 @@ class Recipe(Table):
         undone = {*experiment_tables(), *VIEWS}
         return {key: value for key, value in told.items() if value is not None or key not in undone}
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle without the class, which is made where it is asked for: its tables are those of all experiments."""
+        return _again, (dict(self), self.model_fields_set)
+
     def experiments(self) -> dict[str, ExperimentTable | None]:
         """Return the tables of experiments by their names, in the order in which they are run."""
         return {name: getattr(self, name, None) for name in experiment_tables()}
@@ -188,6 +192,11 @@ def recipe_model() -> type[Recipe]:
     """Return the model of a recipe with a table for each experiment, those of other packages among them."""
     tables: dict[str, Any] = {name: (table | None, None) for name, table in experiment_tables().items()}
     return create_model("Recipe", __base__=Recipe, __doc__=Recipe.__doc__, **tables)
+
+
+def _again(values: dict[str, Any], given: set[str]) -> Recipe:
+    """Return a recipe from what its pickle holds."""
+    return recipe_model().model_construct(given, **values)
 
 
 def read(path: str | os.PathLike[str]) -> Recipe:

@@ -37,6 +37,10 @@ class ExperimentTable(Table):
             raise ValueError(f"{self.experiment.name} always sets grains apart; start must be 'random'")
         return self
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle by the experiment's name: the class is made where it is asked for."""
+        return _again, (self.experiment.name, dict(self), self.model_fields_set)
+
     def options(self) -> dict[str, Any]:
         """Return the options of the function."""
         return self.model_dump(exclude={"start", "seeds"})
@@ -54,3 +58,8 @@ def _table(found: Experiment) -> type[ExperimentTable]:
     table = create_model(found.name, __base__=ExperimentTable, __doc__=found.summary, **fields)
     table.experiment = found
     return table
+
+
+def _again(name: str, values: dict[str, Any], given: set[str]) -> ExperimentTable:
+    """Return a table from what its pickle holds."""
+    return experiment_tables()[name].model_construct(given, **values)
