@@ -12,25 +12,61 @@ from chance import margin
 from conftest import cube_packing
 from loading import borne, grow
 
+from exporters.mjcf import MjcfOptions
 from grainsdem.dynamics import settle
 from grainsdem.dynamics.checkpoint import checkpoint_path
-from grainsdem.dynamics.engine.relief import LEAST_WEIGHT, LOADING, UNLOADING, weight_share
+from grainsdem.dynamics.engine.relief import (
+    LEAST_WEIGHT,
+    LIFTING,
+    LOADING,
+    ROUGH_WEIGHT,
+    UNLOADING,
+    are_walls_smooth,
+    weight_share,
+)
 from grainsdem.dynamics.loop import SAMPLE_TIME
+from grainsdem.dynamics.scene import build
 from grainsdem.model import Domain
 
 settling = import_module("grainsdem.dynamics.settle")  # the function of the same name hides the module
 
-RELIEF = UNLOADING + LOADING
+RELIEF = UNLOADING + LIFTING + LOADING
 
 
 @pytest.mark.unit
 def test_weight_goes_down_to_the_least_and_comes_back_whole_along_straight_lines():
     assert weight_share(0.0) == 1.0
-    assert weight_share(UNLOADING) == LEAST_WEIGHT
+    assert weight_share(UNLOADING) == weight_share(UNLOADING + LIFTING) == LEAST_WEIGHT
     assert weight_share(RELIEF) == weight_share(10 * RELIEF) == 1.0
     halfway = 0.5 * (1.0 + LEAST_WEIGHT)
     assert weight_share(0.5 * UNLOADING) == pytest.approx(halfway)
-    assert weight_share(UNLOADING + 0.5 * LOADING) == pytest.approx(halfway)
+    assert weight_share(RELIEF - 0.5 * LOADING) == pytest.approx(halfway)
+
+
+@pytest.mark.unit
+def test_walls_are_smooth_from_the_first_until_enough_of_the_weight_is_back():
+    back = RELIEF - LOADING * (1 - ROUGH_WEIGHT) / (1 - LEAST_WEIGHT)
+    assert all(are_walls_smooth(since) for since in np.linspace(0.0, back - 1e-9, 50))
+    assert not any(are_walls_smooth(since) for since in np.linspace(back + 1e-9, 2 * RELIEF, 50))
+
+
+@pytest.mark.client
+@pytest.mark.parametrize("wall_friction", [None, 0.3])
+def test_walls_that_are_made_smooth_have_no_friction_until_they_get_their_own_back(wall_friction):
+    # A block in the corner of floor and wall, gravity between the two.
+    block = cube_packing([[5.0, 3.0, 1.0]], domain=Domain.box((6.0, 6.0, 6.0)))
+    scene = build(block, MjcfOptions(friction=0.6, wall_friction=wall_friction))
+    engine = scene.engine
+    engine.set_gravity([np.sqrt(0.5), 0.0, -np.sqrt(0.5)])
+    own = wall_friction or 0.6
+    for smooth, expected in (([], own), (scene.walls, 0.0), ([], own)):
+        engine.make_smooth(smooth)
+        engine.step(50)
+        told = engine.contacts()
+        names = np.array(engine.parts)[-1 - told.pairs[:, 0]]
+        assert set(names) == {"floor", "wall_x1"}
+        np.testing.assert_allclose(told.frictions[names == "floor"], own)
+        np.testing.assert_allclose(told.frictions[names == "wall_x1"], expected, atol=1e-4)
 
 
 @pytest.fixture

@@ -72,6 +72,11 @@ class Scene:
         """Name of the part that is the floor; in planar work it is the lower y wall."""
         return "wall_y0" if self.source.domain.is_planar else "floor"
 
+    @property
+    def walls(self) -> list[str]:
+        """Names of the walls of the container, without the floor."""
+        return [name for name in self.engine.parts if name.startswith("wall") and name != self.floor]
+
     def poses(self) -> tuple[Floats, Floats]:
         """Return positions, shape (n, 3), and quaternions, shape (n, 4), of the grains' own frames."""
         motion = self.engine.motion()

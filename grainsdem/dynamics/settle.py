@@ -9,7 +9,7 @@ import numpy as np
 
 from exporters.mjcf import MjcfOptions
 from grainsdem.dynamics.budget import allow, settling_budget
-from grainsdem.dynamics.engine.relief import UNLOADING, weight_share
+from grainsdem.dynamics.engine.relief import UNLOADING, are_walls_smooth, weight_share
 from grainsdem.dynamics.loop import Loop, Progress, Record
 from grainsdem.dynamics.mechanics import SAMPLE_UNITS, Sample, contact_graph, sample, snapshot
 from grainsdem.dynamics.scene import equip, refuse_overlap, scene_of
@@ -181,7 +181,7 @@ def settle(
     time_step : float
         Time step in units of √(d/g), d being the median diameter. The overlap at rest grows with its square, so a bed
         at rest on overlaps deeper than 5e-4 d goes on with half the step until they are shallower, three times at most.
-        Its contacts get stiffer under a quarter of its weight; the rest goes in 1 √(d/g) and comes back in 3.
+        Its contacts get stiffer under a tenth of its weight, between walls that are smooth meanwhile.
     max_time : float
         Time limit in units of √(d/g), from when the last grain is let go.
     max_hours : float
@@ -331,13 +331,14 @@ class SettleLoop(Loop):
 
     def _relieve(self, begun: float, *, is_halved: bool) -> None:
         """Leave a bed that is refined the weight that is due now, and halve its step under the least."""
-        since = self.scene.time() - begun
-        if not is_halved and since > UNLOADING - 0.5 * self.sample_time:
+        since = round(self.scene.time() - begun, 6)  # rounding errors of the clock decide nothing
+        if not is_halved and since >= UNLOADING:
             self._relief = {"begun": begun, "is_halved": True}
             self.halve_step()
         share = weight_share(since)
         self.scene.engine.hold_up(np.full(self.scene.n_grains, 1.0 - share))
-        if share == 1.0 and since > UNLOADING:
+        self.scene.engine.make_smooth(self.scene.walls if are_walls_smooth(since) else [])
+        if share == 1.0 and is_halved:
             self._relief, self._rested_from = None, len(self.samples)
 
     def _allow_lift(self) -> None:

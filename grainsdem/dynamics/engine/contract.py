@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from contextlib import AbstractContextManager
 
     import numpy as np
@@ -105,6 +106,9 @@ class Engine(Protocol):
 
     def set_friction(self, friction: float) -> None:
         """Change the coefficient of friction among grains."""
+
+    def make_smooth(self, parts: Sequence[str]) -> None:
+        """Let these parts be without friction until the next call, and give all others their own again."""
 
     def set_velocities(self, velocities: ArrayLike) -> None:
         """Set the velocities of the grains that are not glued [d/t], shape (n, 3); spins become zero."""

@@ -15,7 +15,7 @@ from grainsdem.dynamics.engine.mujoco_engine import MujocoEngine
 from grainsdem.errors import GrainsDEMError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
     from contextlib import AbstractContextManager
 
     import numpy as np
@@ -223,6 +223,11 @@ class Member(MujocoEngine):
     def set_friction(self, friction: float) -> None:
         """Change the coefficient of friction among grains."""
         super().set_friction(friction)
+        self._lockstep.is_stale = True
+
+    def make_smooth(self, parts: Sequence[str]) -> None:
+        """Let these parts be without friction until the next call, and give all others their own again."""
+        super().make_smooth(parts)
         self._lockstep.is_stale = True
 
     def set_drag(self, rate: float) -> None:

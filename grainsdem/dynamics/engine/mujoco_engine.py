@@ -15,7 +15,7 @@ from grainsdem.errors import InputError
 from grainsdem.geometry.rotations import to_matrices
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
     from contextlib import AbstractContextManager
 
     from numpy.typing import ArrayLike, NDArray
@@ -84,6 +84,7 @@ class MujocoEngine:
         self._axles = {
             model.joint(j).name: (int(model.jnt_qposadr[j]), int(model.jnt_dofadr[j])) for j in range(model.njnt)
         }
+        self._surfaces = model.geom_friction[:, 0].copy(), model.geom_priority.copy()
         mujoco.mj_forward(model, self.data)
 
     @property
@@ -113,6 +114,14 @@ class MujocoEngine:
     def set_friction(self, friction: float) -> None:
         """Change the coefficient of friction among grains."""
         self.model.geom_friction[self._is_loose(), 0] = friction
+
+    def make_smooth(self, parts: Sequence[str]) -> None:
+        """Let these parts be without friction until the next call, and give all others their own again."""
+        chosen = np.isin(self._id_of_geom, [-1 - self.parts.index(part) for part in parts])
+        fixed, (frictions, priorities) = self._id_of_geom < 0, self._surfaces
+        self.model.geom_friction[fixed, 0] = np.where(chosen, 0.0, frictions)[fixed]
+        # MuJoCo takes the larger friction of a pair unless one has priority.
+        self.model.geom_priority[fixed] = np.where(chosen, 1, priorities)[fixed]
 
     def set_velocities(self, velocities: ArrayLike) -> None:
         """Set the velocities of the grains that are not glued [d/t], shape (n, 3); spins become zero."""

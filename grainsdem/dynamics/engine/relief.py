@@ -1,33 +1,49 @@
-"""How much of its weight is left on a bed at rest while its contacts get stiffer."""
+"""How a bed at rest gets stiffer contacts: under little of its weight, and between smooth walls.
+
+Stiffer contacts push out what overlaps, and so lift a bed. Its grains slip upward along the walls, whose friction turns
+round and pushes the bed down: walls that bore a part of a bed's weight hold down what contacts would push out, and the
+floor of a deep bed is pressed with many times its weight. Between smooth walls nothing holds it down. Once they have
+their friction again the bed sinks under the weight that is still to come, and they bear a part of it as before.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
-LEAST_WEIGHT = 0.25
-"""Share s of its weight under which contacts get stiffer, by four with half the step: the overlap that they push out
-then, 3/4 s of what there was, is what the bed sinks by when the rest of its weight comes back, (1 − s)/4. Under a tenth
-it sinks farther, and walls bear more than of a bed that was poured; from a half on they push it down."""
+LEAST_WEIGHT = 0.1
+"""Share of its weight under which the contacts of a bed get stiffer; under more, what they push out makes it hop."""
+
+ROUGH_WEIGHT = 0.5
+"""Share of its weight that is back when walls get their friction again. Of what comes after that they bear a part."""
 
 UNLOADING = 1.0
-"""Time [t] in which the rest is taken off: suddenly, the bed would hop."""
+"""Time [t] in which weight is taken off."""
+
+LIFTING = 1.0
+"""Time [t] that stiffer contacts have to push out what overlaps."""
 
 LOADING = 3.0
-"""Time [t] in which it is put back."""
+"""Time [t] in which weight is put back."""
 
 
 def weight_share(since: float) -> float:
     """Return the share of its weight that is left on a bed so long [t] after it began to be taken off.
 
-    Notes
-    -----
-    Stiffer contacts push out what overlaps, and lift a bed that lies under its weight. Its grains slip upward along the
-    walls, whose friction turns round: walls that bore a part of the weight push the bed down. Under little weight there
-    is little to push out, and the bed sinks again on its stiffer contacts when it is loaded.
+    Examples
+    --------
+    >>> [round(weight_share(time), 3) for time in (0.0, 0.5, 1.0, 2.0, 3.5, 5.0)]
+    [1.0, 0.55, 0.1, 0.1, 0.55, 1.0]
+    """
+    times = np.cumsum([0.0, UNLOADING, LIFTING, LOADING])
+    return float(np.interp(since, times, [1.0, LEAST_WEIGHT, LEAST_WEIGHT, 1.0]))
+
+
+def are_walls_smooth(since: float) -> bool:
+    """Return whether walls are without friction so long [t] after a bed's weight began to be taken off.
 
     Examples
     --------
-    >>> [round(weight_share(time), 3) for time in (0.0, 0.5, 1.0, 2.5, 4.0)]
-    [1.0, 0.625, 0.25, 0.625, 1.0]
+    >>> [are_walls_smooth(time) for time in (0.0, 2.0, 3.0, 4.0)]
+    [True, True, True, False]
     """
-    return float(np.interp(since, [0.0, UNLOADING, UNLOADING + LOADING], [1.0, LEAST_WEIGHT, 1.0]))
+    return since < UNLOADING + LIFTING or weight_share(since) < ROUGH_WEIGHT
