@@ -79,6 +79,9 @@ HELD = 0.2
 LEAST_RATIO = 5.0
 """Least side of a sample over its largest grain below which is warned; standards of soil testing ask for six to ten."""
 
+SMALLEST_RATIO = 3.0
+"""The same below which a test is none."""
+
 POROSITIES = (0.3, 0.8), (0.05, 0.6)
 """Porosities between which a sheared bed is one, in space and in a plane: a jigsaw lies below, and above grains fly."""
 
@@ -158,8 +161,9 @@ class LoadingReport(RunReport):
     is_compressed : bool
         Whether the bed was at rest when shear began.
     is_valid : bool
-        Whether the test is one: the bed was compressed, and while it was sheared the pressure was held within a fifth,
-        the void stayed between 0.3 and 0.8, and nothing else was out of bounds. Where not, the shear ended there.
+        Whether the test is one: the bed was compressed; while it was sheared the pressure was held within a fifth, the
+        void stayed between 0.3 and 0.8 and nothing else left its bounds, or else the shear ended there; and the sample
+        was three of its largest grains across.
     reason : str
         Why it is none; empty where it is.
     """
@@ -359,11 +363,15 @@ class Staged(Trial[Report]):
 
     def standing(self) -> dict[str, Any]:
         """Return what a `LoadingReport` has besides what was measured."""
-        is_compressed = bool(self.begun and self.begun["is_at_rest"])
-        reason = self.void or ("" if is_compressed else "the bed was not at rest when shear began")
+        is_compressed, size_ratio = bool(self.begun and self.begun["is_at_rest"]), self.size_ratio()
+        reason = self.void
+        if not reason and not is_compressed:
+            reason = "the bed was not at rest when shear began"
+        elif not reason and size_ratio < SMALLEST_RATIO:
+            reason = f"the sample was only {size_ratio:.1f} of its largest grains across"
         return {
             "inertial_number": self.rate,
-            "size_ratio": self.size_ratio(),
+            "size_ratio": size_ratio,
             "is_compressed": is_compressed,
             "is_valid": not reason,
             "reason": reason,
