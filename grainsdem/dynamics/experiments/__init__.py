@@ -2,9 +2,10 @@
 
 from grainsdem.dynamics.experiments.collapse import CollapseReport, collapse
 from grainsdem.dynamics.experiments.direct_shear import DirectShearReport, direct_shear
+from grainsdem.dynamics.experiments.loading import Staged
 from grainsdem.dynamics.experiments.registry import Experiment, experiment
 from grainsdem.dynamics.experiments.resting import Resting, pour
-from grainsdem.dynamics.experiments.rig import JsonReport, Outcome, Staged, Trial, assemble
+from grainsdem.dynamics.experiments.rig import JsonReport, Outcome, Trial, assemble
 from grainsdem.dynamics.experiments.ring import RingReport, ring_shear
 from grainsdem.dynamics.experiments.shared import CompactionFriction, Friction, Gravity, Run, WallFriction
 from grainsdem.dynamics.experiments.start import as_asked, in_block, options_of

@@ -9,18 +9,17 @@ import numpy as np
 
 from exporters.mjcf import units
 from grainsdem.dynamics.experiments.cells import ShearBox
-from grainsdem.dynamics.experiments.registry import experiment
-from grainsdem.dynamics.experiments.rig import (
+from grainsdem.dynamics.experiments.loading import (
     LoadingReport,
     Shear,
     Staged,
-    assemble,
     columns_of,
     highest,
-    pressure_gravity,
     shear_panels,
     smooth,
 )
+from grainsdem.dynamics.experiments.registry import experiment
+from grainsdem.dynamics.experiments.rig import assemble, pressure_gravity
 from grainsdem.dynamics.experiments.shared import CompactionFriction, Friction, InertialNumber, NormalStress, Run
 from grainsdem.dynamics.experiments.start import as_asked, options_of
 from grainsdem.dynamics.mechanics import coordination, sliding_fraction, snapshot, traction

@@ -9,19 +9,18 @@ import numpy as np
 
 from exporters.mjcf import units
 from grainsdem.dynamics.experiments.cells import Annulus
-from grainsdem.dynamics.experiments.registry import experiment
-from grainsdem.dynamics.experiments.rig import (
+from grainsdem.dynamics.experiments.loading import (
     LoadingReport,
     Shear,
     Staged,
-    assemble,
     columns_of,
     crossing,
     highest,
-    pressure_gravity,
     shear_panels,
     smooth,
 )
+from grainsdem.dynamics.experiments.registry import experiment
+from grainsdem.dynamics.experiments.rig import assemble, pressure_gravity
 from grainsdem.dynamics.experiments.shared import CompactionFriction, Friction, InertialNumber, NormalStress, Run
 from grainsdem.dynamics.experiments.start import as_asked, options_of
 from grainsdem.dynamics.mechanics import (

@@ -10,18 +10,17 @@ import numpy as np
 from exporters.mjcf import MjcfOptions, units
 from grainsdem.dynamics.experiments.cells import SixWalls
 from grainsdem.dynamics.experiments.cells.meter import LIMIT_SPEED
-from grainsdem.dynamics.experiments.registry import experiment
-from grainsdem.dynamics.experiments.rig import (
+from grainsdem.dynamics.experiments.loading import (
     VOID_SAMPLES,
     LoadingReport,
     Shear,
     Staged,
-    assemble,
     columns_of,
     highest,
-    pressure_gravity,
     smooth,
 )
+from grainsdem.dynamics.experiments.registry import experiment
+from grainsdem.dynamics.experiments.rig import assemble, pressure_gravity
 from grainsdem.dynamics.experiments.shared import CompactionFriction, Friction, InertialNumber, Run
 from grainsdem.dynamics.experiments.start import in_block, options_of
 from grainsdem.dynamics.mechanics import coordination, friction_angle, sliding_fraction, snapshot, stress
