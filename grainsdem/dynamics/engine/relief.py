@@ -13,8 +13,9 @@ import numpy as np
 LEAST_WEIGHT = 0.1
 """Share of its weight under which the contacts of a bed get stiffer; under more, what they push out makes it hop."""
 
-ROUGH_WEIGHT = 0.5
-"""Share of its weight that is back when walls get their friction again. Of what comes after that they bear a part."""
+ROUGH_WEIGHT = 0.95
+"""Share of its weight that is back when walls get their friction again. The last twentieth makes a bed sink so far that
+they bear of it what they bear of one that was poured with the finer step; half of it, half as much again."""
 
 UNLOADING = 1.0
 """Time [t] in which weight is taken off."""
