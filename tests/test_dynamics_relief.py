@@ -13,7 +13,7 @@ from conftest import cube_packing
 from loading import borne, grow
 
 from exporters.mjcf import MjcfOptions
-from grainsdem.dynamics import settle
+from grainsdem.dynamics import ensemble, settle
 from grainsdem.dynamics.checkpoint import checkpoint_path
 from grainsdem.dynamics.engine.relief import (
     LEAST_WEIGHT,
@@ -144,6 +144,17 @@ def test_a_run_that_is_killed_while_weight_is_off_goes_on_to_the_same_bits(after
     assert parts.report == whole.report
     for name, series in whole.history.items():
         np.testing.assert_array_equal(parts.history[name], series)
+
+
+@pytest.mark.client
+def test_runs_that_step_together_are_refined_as_each_of_them_alone(refined):
+    stack = cube_packing([[3.0, 3.0, 1.5], [3.3, 3.0, 4.0]], domain=Domain.box((6.0, 6.0, 8.0)))
+    together = ensemble(settle, stack, seeds=[1, 2], start="pour", through="batch")
+    assert len(refined) == 2
+    for seed, outcome in zip(together.seeds, together.outcomes, strict=True):
+        alone = settle(stack, rng=seed, start="pour")
+        assert outcome.packing.positions.tobytes() == alone.packing.positions.tobytes()
+        assert outcome.report == alone.report
 
 
 @pytest.mark.client
