@@ -8,17 +8,20 @@ import signal
 import subprocess
 import sys
 import time
+from io import StringIO
 
 import h5py
 import numpy as np
 import pytest
 from loading import grow
+from rich.console import Console
 from typer.testing import CliRunner
 
 import exporters
 import grainsdem
 from grainsdem.cli import app
 from grainsdem.errors import InputError
+from grainsdem.screen import print_settling
 
 pytestmark = pytest.mark.unit
 
@@ -219,6 +222,16 @@ def test_settle_writes_a_packing_and_a_history(heap, tmp_path):
     assert not told["at_rest"] or told["kinetic_energy"] < 1e-6
     assert len(grainsdem.load(tmp_path / "settled.h5")) == len(grainsdem.load(heap))
     assert grainsdem.load_history(tmp_path / "history.h5")["kinetic_energy"][-1] == told["kinetic_energy"]
+
+
+def test_the_table_of_a_settled_bed_tells_floor_and_walls_apart(bed):
+    rest = {"at_rest": True, "time": 0.2, "kinetic_energy": 1e-7, "overlap_max": 3e-4}
+    told = Console(file=StringIO(), width=120)
+    summary = grainsdem.summary(grainsdem.load(bed))
+    print_settling(told, "settled", {**summary, **rest, "floor_force": 1.2083, "wall_force": -0.2081})
+    lines = told.file.getvalue().splitlines()
+    assert any("borne by the floor" in line and "1.2083" in line for line in lines)
+    assert any("borne by the walls" in line and "-0.2081" in line for line in lines)
 
 
 def test_a_run_that_goes_wrong_leaves_its_last_good_state_and_says_where(bed, tmp_path):
