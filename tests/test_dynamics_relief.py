@@ -59,7 +59,7 @@ def test_walls_that_are_made_smooth_have_no_friction_until_they_get_their_own_ba
     engine = scene.engine
     engine.set_gravity([np.sqrt(0.5), 0.0, -np.sqrt(0.5)])
     own = wall_friction or 0.6
-    for smooth, expected in (([], own), (scene.walls, 0.0), ([], own)):
+    for smooth, expected in (([], own), (scene.upright_walls, 0.0), ([], own)):
         engine.make_smooth(smooth)
         engine.step(50)
         told = engine.contacts()
@@ -67,6 +67,17 @@ def test_walls_that_are_made_smooth_have_no_friction_until_they_get_their_own_ba
         assert set(names) == {"floor", "wall_x1"}
         np.testing.assert_allclose(told.frictions[names == "floor"], own)
         np.testing.assert_allclose(told.frictions[names == "wall_x1"], expected, atol=1e-4)
+
+
+@pytest.mark.unit
+def test_walls_that_lean_are_not_among_the_upright_ones():
+    block = cube_packing([[0.0, 0.0, 5.0]], domain=Domain.hopper((12.0, 12.0), (6.0, 6.0), 10.0))
+    hopper = build(block, MjcfOptions())
+    assert {name for name in hopper.engine.parts if name.startswith("wall_p")}
+    assert not any(name.startswith("wall_p") for name in hopper.upright_walls)
+    pipe = build(cube_packing([[5.0, 5.0, 5.0]], domain=Domain.cylinder(5.0, 10.0, sides=8)), MjcfOptions())
+    assert {name for name in pipe.engine.parts if name.startswith("wall_p")} > set()
+    assert set(pipe.upright_walls) == set(pipe.engine.parts) - {"floor"}
 
 
 @pytest.fixture

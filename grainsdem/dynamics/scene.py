@@ -73,9 +73,11 @@ class Scene:
         return "wall_y0" if self.source.domain.is_planar else "floor"
 
     @property
-    def walls(self) -> list[str]:
-        """Names of the walls of the container, without the floor."""
-        return [name for name in self.engine.parts if name.startswith("wall") and name != self.floor]
+    def upright_walls(self) -> list[str]:
+        """Names of the container's walls that a bed can slip up along without leaving them."""
+        leaning = np.flatnonzero(np.abs(self.source.domain.planes[:, self.up]) > 1e-9)  # of unit normals: round-off
+        others = {self.floor, *(f"wall_p{k}" for k in leaning.tolist())}
+        return [name for name in self.engine.parts if name.startswith("wall") and name not in others]
 
     def poses(self) -> tuple[Floats, Floats]:
         """Return positions, shape (n, 3), and quaternions, shape (n, 4), of the grains' own frames."""

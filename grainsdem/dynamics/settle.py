@@ -337,7 +337,7 @@ class SettleLoop(Loop):
             self.halve_step()
         share = weight_share(since)
         self.scene.engine.hold_up(np.full(self.scene.n_grains, 1.0 - share))
-        self.scene.engine.make_smooth(self.scene.walls if are_walls_smooth(since) else [])
+        self.scene.engine.make_smooth(self.scene.upright_walls if are_walls_smooth(since) else [])
         if share == 1.0 and is_halved:
             self._relief, self._rested_from = None, len(self.samples)
 
