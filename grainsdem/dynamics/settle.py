@@ -9,7 +9,7 @@ import numpy as np
 
 from exporters.mjcf import MjcfOptions
 from grainsdem.dynamics.budget import allow, settling_budget
-from grainsdem.dynamics.engine.relief import UNLOADING, are_walls_smooth, weight_share
+from grainsdem.dynamics.engine.relief import LEAST_WEIGHT, UNLOADING, are_walls_smooth, weight_share
 from grainsdem.dynamics.loop import Loop, Progress, Record
 from grainsdem.dynamics.mechanics import SAMPLE_UNITS, Sample, contact_graph, sample, snapshot
 from grainsdem.dynamics.scene import equip, refuse_overlap, scene_of
@@ -345,8 +345,10 @@ class SettleLoop(Loop):
         """Expect contacts that get stiffer, or bear less, to lift the bed by the overlaps that they push out."""
         last = self.samples[-1]
         floor = self.scene.source.domain.lower[self.scene.up] / self.scene.units.length
+        # Under a tenth of the weight the same energy lifts a bed ten times as far.
+        weight = 1.0 if self._relief is None else LEAST_WEIGHT
         # A column reaches up to twice the mean height and has no more contacts than diameters.
-        self._lowest = last.total_energy + last.overlap_max * 2 * (last.height - floor)
+        self._lowest = last.total_energy + last.overlap_max * 2 * (last.height - floor) / weight
 
     def in_si(self, row: Sample) -> Sample:
         """Return a sample with its time [s] and height [m] in SI."""
