@@ -223,7 +223,7 @@ def test_a_sample_of_few_grains_is_warned_of_and_its_size_told(caplog, sheared):
 )
 def test_a_test_is_void_where_its_last_samples_are_out_of_bounds(changes, reason):
     run = object.__new__(_Triaxial)
-    run.scene = SimpleNamespace(source=SimpleNamespace(domain=Domain.cube()))
+    run.scene = SimpleNamespace(source=SimpleNamespace(domain=Domain.cube()), n_grains=100)
     usual = {"axial_strain": 0.1, "lateral_stress": 1.0, "axial_stress": 3.0, "solid_fraction": 0.6, "stage": 1.0}
     blank = dict.fromkeys(TriaxialSample._fields, 0.0)
     run.samples = [TriaxialSample(**{**blank, **usual, **changes, "time": 0.5 * k}) for k in range(9)]
@@ -238,7 +238,7 @@ def test_a_test_is_void_where_its_last_samples_are_out_of_bounds(changes, reason
 @pytest.mark.unit
 def test_one_sample_out_of_bounds_is_no_reason_to_end_a_test():
     run = object.__new__(_Triaxial)
-    run.scene = SimpleNamespace(source=SimpleNamespace(domain=Domain.cube()))
+    run.scene = SimpleNamespace(source=SimpleNamespace(domain=Domain.cube()), n_grains=100)
     usual = TriaxialSample(0.0, 1.0, 0.1, 0.0, 3.0, 1.0, 3.0, 1.0, 0.6, 4.0, 0.0, 0.0)
     run.samples = [usual._replace(time=0.5 * k) for k in range(9)]
     run.samples[-1] = run.samples[-1]._replace(lateral_stress=1.5)

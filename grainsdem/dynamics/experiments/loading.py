@@ -70,6 +70,9 @@ VOID_SAMPLES = 5
 HELD = 0.2
 """How far from one, on average, a pressure may be that is held."""
 
+FEWEST = 5
+"""Grains from which a bed has a porosity to be judged by: two blocks that slide on each other have none."""
+
 LEAST_RATIO = 5.0
 """Least side of a sample over its largest grain below which is warned; standards of soil testing ask for six to ten."""
 
@@ -204,7 +207,7 @@ class Staged(Trial[Report]):
         if abs(held - 1.0) > HELD:
             return f"the pressure was {held:.2f} of what it was to be held at, {where}"
         least, most = POROSITIES[self.scene.source.domain.is_planar]
-        if not least <= porosity <= most:
+        if self.scene.n_grains >= FEWEST and not least <= porosity <= most:
             return f"the porosity was {porosity:.2f}, {where}"
         return ""
 
