@@ -117,6 +117,7 @@ def test_what_cannot_be_written_is_refused(stack, tmp_path):
 @pytest.mark.client
 def test_more_columns_are_in_every_kind_of_file(stack, tmp_path):
     import networkx as nx
+    import pyvista as pv
     from pyarrow import parquet
 
     packing, graph = stack
@@ -127,7 +128,6 @@ def test_more_columns_are_in_every_kind_of_file(stack, tmp_path):
     assert table.splitlines()[3].endswith(",3.0,0,6.0,7.0,8.0")
     assert parquet.read_table(read)["force_y"].to_pylist() == [1.0, 4.0, 7.0]
     assert nx.read_graphml(network, node_type=int).edges[0, 1]["load"] == 3.0
-    pv = pytest.importorskip("pyvista")
     shown = pv.read(paths[3])
     np.testing.assert_array_equal(shown.cell_data["force"], more["force"])
     np.testing.assert_array_equal(shown.cell_data["chain"], more["chain"])

@@ -216,12 +216,9 @@ def settle(
     if not max_time > 0:
         raise InputError(f"max_time must be positive; got {max_time}")
     options = MjcfOptions(
-        friction=friction,
-        wall_friction=wall_friction,
-        rolling_friction=rolling_friction,
-        gravity=gravity,
+        friction=friction, wall_friction=wall_friction, rolling_friction=rolling_friction, gravity=gravity,
         time_step=time_step,
-    )
+    )  # fmt: skip
     first = begin(packing, start=start, spheres=spheres, density=density, rng=rng)
     allow(settling_budget(first, time_step=time_step, max_time=max_time), max_hours=max_hours)
     apparatus = equip(first, options, are_spheres=spheres)
@@ -385,8 +382,7 @@ class SettleLoop(Loop):
 
 
 def _report(run: SettleLoop) -> SettleReport:
-    last, second = run.samples[-1], run.scene.units.time
-    lately = run.samples[-REST_SAMPLES:]
+    last, lately, second = run.samples[-1], run.samples[-REST_SAMPLES:], run.scene.units.time
     return SettleReport(
         at_rest=run.at_rest,
         time=last.time * second,
