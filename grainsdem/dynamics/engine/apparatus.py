@@ -53,7 +53,8 @@ class Apparatus:
         """Replace every grain by a sphere of the same mass: radii [d] and moments of inertia, shape (n,)."""
         assets = _find(self._root, "asset")
         for mesh in assets.findall("mesh"):
-            assets.remove(mesh)
+            if mesh.get("name") in self._grains:
+                assets.remove(mesh)
         numbers = np.column_stack([radii, moments]).tolist()
         for body, (radius, moment) in zip(self._grains.values(), numbers, strict=True):
             inertial, shape = _find(body, "inertial"), _find(body, "geom")
@@ -96,18 +97,17 @@ class Apparatus:
         position: ArrayLike = (0.0, 0.0, 0.0),
         friction: float = 0.0,
     ) -> None:
-        """Add a ``box`` or a ``cylinder`` of half sizes to a part, or to the world."""
-        shape = ET.Element(
-            "geom",
-            {
-                "name": name,
-                "type": kind,
-                "size": _numbers(size),
-                "pos": _numbers(position),
-                "material": "wall",
-                **_PART,
-            },
-        )
+        """Add a ``box``, a ``sphere`` or a ``cylinder`` of half sizes to a part, or to the world."""
+        self._add(body, {"name": name, "type": kind, "size": _numbers(size), "pos": _numbers(position)}, friction)
+
+    def add_hull(self, body: Element | None, name: str, corners: ArrayLike, *, friction: float = 0.0) -> None:
+        """Add the convex hull of corners, shape (n, 3), in the part's frame, to a part or to the world."""
+        ET.SubElement(_find(self._root, "asset"), "mesh", name=name, vertex=_numbers(np.ravel(corners)))
+        self._add(body, {"name": name, "type": "mesh", "mesh": name}, friction)
+
+    def _add(self, body: Element | None, attributes: dict[str, str], friction: float) -> None:
+        """Add a shape to a part, or to the world."""
+        shape = ET.Element("geom", {**attributes, "material": "wall", **_PART})
         # MuJoCo takes the larger friction of a pair unless one has priority.
         shape.set("priority", "1")
         shape.set("friction", _numbers(friction))
