@@ -100,7 +100,7 @@ from .packing import (
     size_of,
     throat_widths,
 )
-from .storage import load, load_history, load_motion, save
+from .storage import load, load_history, load_motion, load_moved, save
 from .tessellation import Relaxation, relax, relaxation, sized_cells, tessellate
 from .validation import compare, validate
 
@@ -173,6 +173,7 @@ __all__ = [
     "load",
     "load_history",
     "load_motion",
+    "load_moved",
     "masses",
     "mean_coordination",
     "mean_widths",

@@ -15,6 +15,7 @@ from exporters.check import check_choice, check_name, measured, stretches
 from grainsdem.errors import InputError, ShapeError
 from grainsdem.geometry.rotations import world_vertices
 from grainsdem.measures import table
+from grainsdem.packing.carve import subset
 from grainsdem.ragged import owners
 
 if TYPE_CHECKING:
@@ -162,10 +163,7 @@ def series(
             f"packing's {n} grains; got {places.shape} and {turns.shape}"
         )
     options = options or VtkOptions()
-    moved = [
-        replace(packing, positions=place, quaternions=turn, links=None)
-        for place, turn in zip(places, turns, strict=True)
-    ]
+    moved = [_moved(packing, place, turn) for place, turn in zip(places, turns, strict=True)]
     for state in moved:
         measured(state)
     digits = max(4, len(str(t - 1)))
@@ -180,6 +178,13 @@ def series(
     )
     frames = {file: _polygons(state, options) for file, state in zip(names, moved, strict=True)}
     return {f"{name}.pvd": index.encode(), **frames}
+
+
+def _moved(packing: Packing, positions: NDArray[np.float64], quaternions: NDArray[np.float64]) -> Packing:
+    """Return the grains of a frame: those that are absent have no numbers there."""
+    moved = replace(packing, positions=positions, quaternions=quaternions, links=None)
+    is_absent = np.isnan(positions).all(axis=1)
+    return subset(moved, np.flatnonzero(~is_absent)) if is_absent.any() else moved
 
 
 def _polygons(packing: Packing, options: VtkOptions) -> Iterator[bytes]:

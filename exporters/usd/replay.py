@@ -39,7 +39,7 @@ def write_replay(
     scene : path-like
         The stage, as `exporters.write` wrote it: ``.usdc`` or ``.usda``.
     positions : array_like, shape (t, n, 3)
-        Positions [m] of all grains.
+        Positions [m] of all grains. Where one is absent, NaN, the stage shows it where it came in or was last.
     quaternions : array_like, shape (t, n, 4)
         Rotations (w, x, y, z) of their frames.
     times : array_like, shape (t,)
@@ -128,12 +128,24 @@ def _checked(
             f"positions must be of shape ({t}, {n}, 3) and quaternions of shape ({t}, {n}, 4) for {t} times and the "
             f"{n} grains of {scene.name}; got {places.shape} and {turns.shape}"
         )
+    places, turns = _held(places), _held(turns)
     if not (np.isfinite(places).all() and np.isfinite(turns).all() and np.isfinite(moments).all()):
         raise ShapeError("positions, quaternions and times must be finite")
     if np.any(np.diff(moments) <= 0):
         first = int(np.flatnonzero(np.diff(moments) <= 0)[0])
         raise ShapeError(f"times must grow; got {moments[first]} and then {moments[first + 1]}")
     return places, turns, moments
+
+
+def _held(poses: Floats) -> Floats:
+    """Return poses, shape (t, n, k), in which a grain that is absent stays where it was last, or is to come in."""
+    is_there = ~np.isnan(poses).all(axis=2)
+    if is_there.all():
+        return poses
+    frames = np.arange(len(poses))[:, None]
+    latest = np.maximum.accumulate(np.where(is_there, frames, -1), axis=0)
+    chosen = np.where(latest < 0, np.argmax(is_there, axis=0), latest)
+    return np.take_along_axis(poses, chosen[:, :, None], axis=0)
 
 
 def _places(positions: Floats, length: float) -> Any:

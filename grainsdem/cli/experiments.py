@@ -115,7 +115,8 @@ def _annotation(told: Told) -> Any:
     kind = told.annotation
     for part in (kind, *get_args(kind)):
         if get_origin(part) is Sequence:
-            kind, words = list[str] | None, f"{words} May be repeated."
+            [item] = get_args(part)
+            kind, words = list[item] | None, f"{words} May be repeated."  # type: ignore[valid-type]
     return Annotated[kind, typer.Option(*flags, help=words)]
 
 

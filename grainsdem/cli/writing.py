@@ -128,7 +128,7 @@ def replay(
     if suffix not in (*SUFFIXES, *exporters.replays.SUFFIXES):
         allowed = ", ".join((*SUFFIXES, *exporters.replays.SUFFIXES))
         raise FileFormatError(f"{output}: motion is written as {allowed}; got {suffix or 'no suffix'!r}")
-    packing, motion = load(bed), grainsdem.load_motion(history)
+    packing, motion = grainsdem.load_moved(history, load(bed)), grainsdem.load_motion(history)
     times, positions, quaternions = (motion[key] for key in ("times", "positions", "quaternions"))
     if suffix in SUFFIXES:
         drawn = grainsdem.figures.animate(

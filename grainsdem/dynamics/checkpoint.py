@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from grainsdem.model import Packing
+
     Floats = NDArray[np.float64]
 
 VERSION = 2
@@ -100,6 +102,7 @@ def open_history(
     attributes: Mapping[str, Any],
     rows: list[dict[str, float]],
     n_frames: int,
+    grains: Packing | None = None,
 ) -> HistoryWriter:
     """Open a history anew, with the rows and frames that an interrupted run had written by its checkpoint."""
     # What was written is kept beside the new file until that holds it: a resumed run may be killed, too.
@@ -107,7 +110,7 @@ def open_history(
     if n_frames and not old.exists():
         path.replace(old)
     kept = load_history(old) if n_frames else {}
-    writer = HistoryWriter(path, columns, n_grains=n_grains, attributes=attributes)
+    writer = HistoryWriter(path, columns, n_grains=n_grains, grains=grains, attributes=attributes)
     for row in rows:
         writer.append(**row)
     for k in range(n_frames):

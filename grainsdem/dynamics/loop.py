@@ -103,6 +103,8 @@ class Loop:
     experiment: str
     columns: ClassVar[Mapping[str, str]]
     is_driven: ClassVar[bool] = False
+    comes_and_goes: ClassVar[bool] = False
+    """Whether grains are taken out or put in, so that the last packing need not have all that moved."""
     sample_time = SAMPLE_TIME
 
     def __init__(self, scene: Scene, record: Record) -> None:
@@ -211,6 +213,7 @@ class Loop:
                 attributes=attributes,
                 rows=rows,
                 n_frames=self.n_frames,
+                grains=self.scene.source if self.comes_and_goes else None,
             )
         )
         if not self.n_frames:
@@ -258,8 +261,8 @@ class Loop:
     def _append_frame(self) -> None:
         """Write where the grains are now."""
         if self._writer is not None:
-            grains = self.scene.packing()
-            self._writer.append_frame(self.time_in_si(), positions=grains.positions, quaternions=grains.quaternions)
+            positions, quaternions = self.scene.frame()
+            self._writer.append_frame(self.time_in_si(), positions=positions, quaternions=quaternions)
             self.n_frames += 1
 
     def _save(self, state: NDArray[np.float64], memory: dict[str, Any]) -> None:

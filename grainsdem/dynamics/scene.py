@@ -19,6 +19,7 @@ from grainsdem.dynamics.engine.lockstep import joined
 from grainsdem.dynamics.starting import sphere_radii
 from grainsdem.errors import InputError
 from grainsdem.geometry.integrals import volumes
+from grainsdem.packing.carve import subset
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -85,15 +86,23 @@ class Scene:
         return motion.positions, motion.quaternions
 
     def packing(self) -> Packing:
-        """Return the grains where they are now, in SI; `Packing.links` is gone, since neighbours have changed."""
+        """Return the grains where they are now, in SI; `Packing.links` is gone, since neighbours have changed.
+
+        Those that are not present are left out.
+        """
+        positions, quaternions = self.frame()
+        moved = replace(self.source, positions=positions, quaternions=quaternions, links=None)
+        is_present = self.engine.is_present
+        return moved if is_present.all() else subset(moved, np.flatnonzero(is_present))
+
+    def frame(self) -> tuple[Floats, Floats]:
+        """Return positions [m], shape (n, 3), and quaternions, shape (n, 4), of all grains: NaN where one is absent."""
         positions, quaternions = self.poses()
+        positions = positions * self.units.length
         quaternions /= np.linalg.norm(quaternions, axis=1, keepdims=True)
-        return replace(
-            self.source,
-            positions=positions * self.units.length,
-            quaternions=quaternions,
-            links=None,
-        )
+        absent = ~self.engine.is_present
+        positions[absent] = quaternions[absent] = np.nan
+        return positions, quaternions
 
     def rest(self, options: MjcfOptions) -> dict[str, Any]:
         """Return what the provenance of grains at rest keeps: files of the packing say the same.

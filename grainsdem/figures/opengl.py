@@ -28,7 +28,8 @@ def draw(scene: Scene, path: Path, size: tuple[int, int], *, fine: bool = True) 
     pv: Any = pyvista  # its decorators hide its signatures from type checkers
     plotter = pv.Plotter(off_screen=True, window_size=list(size), lighting="none")
     try:
-        _add_grains(pv, plotter, scene)
+        if len(scene.packing):
+            _add_grains(pv, plotter, scene)
         bounds = np.stack([scene.lower, scene.upper], axis=1).ravel()
         plotter.add_mesh(pv.Box(bounds).extract_feature_edges(), color=GREY, line_width=1.5, lighting=False)
         _light(pv, plotter, scene, fine=fine)

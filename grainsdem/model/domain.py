@@ -68,7 +68,11 @@ class Domain(Noun):
                 raise InputError(
                     f"planes must be parallel to every periodic axis; rows {name_offenders(crossed)} are not"
                 )
-            volume = _volume_inside(lower, upper, self.planes)
+            from scipy.spatial import ConvexHull  # noqa: PLC0415  (half a second, and only for domains with planes)
+
+            # In units of the box: Qhull's own tolerances are absolute.
+            size = float((upper - lower).max())
+            volume = float(ConvexHull(self.corners() / size).volume * size**3)
         object.__setattr__(self, "volume", volume)
 
     @classmethod
@@ -126,6 +130,35 @@ class Domain(Noun):
         """Edge lengths [m] of the box, shape (3,)."""
         return self.upper - self.lower
 
+    def corners(self) -> Floats:
+        """Return the corners [m] of the container, shape (k, 3).
+
+        Raises
+        ------
+        InputError
+            If the planes leave nothing of the box.
+        """
+        from scipy.optimize import linprog  # noqa: PLC0415  (half a second, and only for domains with planes)
+        from scipy.spatial import HalfspaceIntersection  # noqa: PLC0415  (the same)
+
+        # In units of the box, about its middle: Qhull's own tolerances are absolute.
+        middle, size = 0.5 * (self.lower + self.upper), float(self.lengths.max())
+        half = 0.5 * self.lengths / size
+        distances = (self.planes[:, 3] - (self.planes[:, :3] * middle).sum(axis=1)) / size
+        normals = np.concatenate([self.planes[:, :3], np.eye(3), -np.eye(3)])
+        offsets = np.concatenate([distances, half, half])
+        rows = np.column_stack([normals, np.ones(len(normals))])
+        # The largest ball inside: its centre is the point that Qhull needs.
+        ball = linprog([0, 0, 0, -1], A_ub=rows, b_ub=offsets, bounds=[(None, None)] * 3 + [(0, None)])
+        best = np.zeros(4) if ball.x is None else ball.x
+        if ball.status != 0 or best[3] < 1e-9:
+            raise InputError(
+                f"the planes leave nothing of the box {self.lower.tolist()} to {self.upper.tolist()}; they keep "
+                "n · x <= d"
+            )
+        found = HalfspaceIntersection(np.column_stack([normals, -offsets]), best[:3]).intersections
+        return np.asarray(middle + size * found)
+
     def contains(self, points: Floats) -> NDArray[np.bool_]:
         """Return which points [m], shape (n, 3), lie in the domain or on its walls, shape (n,)."""
         inside = ((points >= self.lower) & (points <= self.upper)).all(axis=1)
@@ -140,26 +173,3 @@ class Domain(Noun):
         """Return the domain scaled about the origin."""
         planes = self.planes * np.array([1.0, 1.0, 1.0, factor])
         return type(self)(self.lower * factor, self.upper * factor, self.periodic, self.is_planar, planes)
-
-
-def _volume_inside(lower: Floats, upper: Floats, planes: Floats) -> float:
-    """Return the volume [m³] of the box at n · x <= d, or raise `InputError` where there is none."""
-    from scipy.optimize import linprog  # noqa: PLC0415  (half a second, and only for domains with planes)
-    from scipy.spatial import ConvexHull, HalfspaceIntersection  # noqa: PLC0415  (the same)
-
-    # In units of the box, about its middle: Qhull's own tolerances are absolute.
-    middle, size = 0.5 * (lower + upper), float((upper - lower).max())
-    half = 0.5 * (upper - lower) / size
-    distances = (planes[:, 3] - (planes[:, :3] * middle).sum(axis=1)) / size
-    normals = np.concatenate([planes[:, :3], np.eye(3), -np.eye(3)])
-    offsets = np.concatenate([distances, half, half])
-    rows = np.column_stack([normals, np.ones(len(normals))])
-    # The largest ball inside: its centre is the point that Qhull needs.
-    ball = linprog([0, 0, 0, -1], A_ub=rows, b_ub=offsets, bounds=[(None, None)] * 3 + [(0, None)])
-    best = np.zeros(4) if ball.x is None else ball.x
-    if ball.status != 0 or best[3] < 1e-9:
-        raise InputError(
-            f"the planes leave nothing of the box {lower.tolist()} to {upper.tolist()}; they keep n · x <= d"
-        )
-    corners = HalfspaceIntersection(np.column_stack([normals, -offsets]), best[:3]).intersections
-    return float(ConvexHull(corners).volume * size**3)

@@ -1,6 +1,6 @@
 """Grains: carved from cells, shrunk to a porosity, moved, rescaled to a size, shuffled, and who touches whom."""
 
-from grainsdem.packing.carve import carve
+from grainsdem.packing.carve import carve, subset
 from grainsdem.packing.contacts import contacts, neighbor_contacts
 from grainsdem.packing.heal import Healed, heal
 from grainsdem.packing.inset import inset
@@ -25,5 +25,6 @@ __all__ = [
     "shrink",
     "shuffle",
     "size_of",
+    "subset",
     "throat_widths",
 ]

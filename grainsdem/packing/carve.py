@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import logging
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from grainsdem.errors import InputError
+from grainsdem.errors import InputError, name_offenders
 from grainsdem.geometry.forms.sizes import sphere_diameters, weighted_percentiles
 from grainsdem.geometry.integrals import face_planes, integrate
 from grainsdem.geometry.rotations import identity_quaternions
@@ -129,6 +130,35 @@ def unwarned() -> Iterator[None]:
         yield
     finally:
         LOG.removeFilter(hold_back)
+
+
+def subset(packing: Packing, rows: ArrayLike) -> Packing:
+    """Return the chosen grains of a packing, by number, in their order; `Packing.links` is gone.
+
+    Parameters
+    ----------
+    packing : Packing
+        The grains.
+    rows : array_like of int, shape (m,)
+        Numbers of those to keep.
+
+    Raises
+    ------
+    InputError
+        If there is no grain of a number.
+    """
+    ids = np.asarray(rows, dtype=np.int64)
+    unknown = ids[(ids < 0) | (ids >= len(packing))]
+    if unknown.size:
+        raise InputError(f"there are grains 0 to {len(packing) - 1}; got {name_offenders(unknown)}")
+    return replace(
+        packing,
+        grains=select(packing.grains, ids)[0],
+        positions=packing.positions[ids],
+        quaternions=packing.quaternions[ids],
+        densities=packing.densities[ids],
+        links=None,
+    )
 
 
 def select(polyhedra: Polyhedra, rows: NDArray[np.int64]) -> tuple[Polyhedra, NDArray[np.int64]]:

@@ -13,7 +13,7 @@ from grainsdem.geometry.bounds import near_images
 from grainsdem.geometry.integrals import integrate
 from grainsdem.geometry.pairs.walls import measure_wall_gaps
 from grainsdem.geometry.separation import bodies, measure_gaps, measure_near, offsets_between
-from grainsdem.packing.carve import select
+from grainsdem.packing.carve import subset
 from grainsdem.packing.inset import inset
 
 if TYPE_CHECKING:
@@ -216,14 +216,7 @@ def _refine_inset(packing: Packing, tight: _Tight, gap: float, *, enough: float)
     ids = np.unique(np.concatenate([tight.pairs.ravel(), tight.at_walls[:, 1]])).astype(np.int64)
     if not ids.size:
         return 0.0
-    concerned = replace(
-        packing,
-        grains=select(packing.grains, ids)[0],
-        positions=packing.positions[ids],
-        quaternions=packing.quaternions[ids],
-        densities=packing.densities[ids],
-        links=None,
-    )
+    concerned = subset(packing, ids)
     pairs = np.searchsorted(ids, tight.pairs).astype(np.int32)
     low, high = 0.0, enough
     for _ in range(INSET_STEPS):

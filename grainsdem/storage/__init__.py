@@ -1,7 +1,17 @@
 """Packings and histories in HDF5, with schema, version and provenance."""
 
 from grainsdem.storage.hdf5 import SCHEMA_VERSION, SUFFIXES, check_suffix
-from grainsdem.storage.histories import HistoryWriter, load_history, load_motion
+from grainsdem.storage.histories import HistoryWriter, load_history, load_motion, load_moved
 from grainsdem.storage.packings import load, save
 
-__all__ = ["SCHEMA_VERSION", "SUFFIXES", "HistoryWriter", "check_suffix", "load", "load_history", "load_motion", "save"]
+__all__ = [
+    "SCHEMA_VERSION",
+    "SUFFIXES",
+    "HistoryWriter",
+    "check_suffix",
+    "load",
+    "load_history",
+    "load_motion",
+    "load_moved",
+    "save",
+]

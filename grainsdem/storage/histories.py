@@ -11,6 +11,7 @@ import numpy as np
 
 from grainsdem.errors import InputError, ShapeError
 from grainsdem.storage.hdf5 import LIBVER, check_room, check_suffix, describe, read_dataset, reading, writing
+from grainsdem.storage.packings import read_packing, write_packing
 
 if TYPE_CHECKING:
     import os
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
     from types import TracebackType
 
     from numpy.typing import ArrayLike, NDArray
+
+    from grainsdem.model import Packing
 
 SCHEMA = "grainsdem.history"
 
@@ -33,6 +36,8 @@ class HistoryWriter:
         Names of the scalar series, ``time`` [s] among them as a rule; a mapping gives each its unit.
     n_grains : int
         Where given, frames of all grains' positions [m] and quaternions (w, x, y, z) can be appended too.
+    grains : Packing, optional
+        The grains that are moved, where the run's last packing need not have them all: `load_moved` gives them back.
     attributes : mapping of str to JSON value
         What a reader should know: provenance, units of mass, parameters.
     rows_per_chunk : int
@@ -66,6 +71,7 @@ class HistoryWriter:
         columns: Iterable[str] | Mapping[str, str],
         *,
         n_grains: int | None = None,
+        grains: Packing | None = None,
         attributes: Mapping[str, Any] | None = None,
         rows_per_chunk: int = 16,
     ) -> None:
@@ -89,6 +95,8 @@ class HistoryWriter:
             self._file.attrs["attributes"] = json.dumps(dict(attributes or {}), ensure_ascii=False, sort_keys=True)
             self._series = _create_series(self._file, names)
             self._frames = None if n_grains is None else _create_frames(self._file, n_grains)
+            if grains is not None:
+                write_packing(self._file.create_group("grains"), grains)
             self._file.flush()
             self._file.swmr_mode = True
 
@@ -102,7 +110,10 @@ class HistoryWriter:
             self.flush()
 
     def append_frame(self, time: float, *, positions: ArrayLike, quaternions: ArrayLike) -> None:
-        """Append every grain's position [m], shape (n, 3), and quaternion, shape (n, 4), at one time [s]."""
+        """Append every grain's position [m], shape (n, 3), and quaternion, shape (n, 4), at one time [s].
+
+        Those of a grain that is absent are NaN.
+        """
         if self._frames is None:
             raise InputError("this history has no frames; give n_grains when it is made")
         values = {"positions": np.asarray(positions, float), "quaternions": np.asarray(quaternions, float)}
@@ -182,6 +193,25 @@ def load_history(path: str | os.PathLike[str]) -> dict[str, NDArray[np.float64]]
         return result
 
 
+def load_moved(path: str | os.PathLike[str], packing: Packing) -> Packing:
+    """Return the grains that the frames of a history are of.
+
+    Parameters
+    ----------
+    path : str or path-like
+        A history that was written with frames.
+    packing : Packing
+        The grains at the end of the run: those that moved, unless the history has its own because grains came and went.
+
+    Raises
+    ------
+    MissingFileError, FileFormatError
+        As in `load_history`.
+    """
+    with reading(path, SCHEMA) as file:
+        return read_packing(file["grains"]) if "grains" in file else packing
+
+
 def load_motion(path: str | os.PathLike[str]) -> dict[str, NDArray[np.float64]]:
     """Read the frames of a history: what `exporters.replay` and `grainsdem.figures.animate` take.
 
@@ -193,7 +223,8 @@ def load_motion(path: str | os.PathLike[str]) -> dict[str, NDArray[np.float64]]:
     Returns
     -------
     dict of str to ndarray
-        ``times`` [s], shape (t,), ``positions`` [m], shape (t, n, 3), and ``quaternions``, shape (t, n, 4).
+        ``times`` [s], shape (t,), ``positions`` [m], shape (t, n, 3), and ``quaternions``, shape (t, n, 4); those of a
+        grain are NaN where it was absent.
 
     Raises
     ------

@@ -52,11 +52,8 @@ def save(packing: Packing, path: str | os.PathLike[str]) -> Path:
     target = check_suffix(path)
     with replacing(target) as temporary, h5py.File(temporary, "w", libver=LIBVER, track_order=False) as file:
         describe(file, SCHEMA)
-        file.attrs["provenance"] = json.dumps(packing.provenance, ensure_ascii=False)
         file.attrs["units"] = "SI: m, kg, s, rad; quaternions (w, x, y, z)"
-        for name, array in _arrays(packing).items():
-            _write(file, name, array)
-        file["domain"].attrs["is_planar"] = packing.domain.is_planar
+        write_packing(file, packing)
     return target
 
 
@@ -82,7 +79,15 @@ def load(path: str | os.PathLike[str]) -> Packing:
         unknown major version, or lacks a dataset.
     """
     with reading(path, SCHEMA) as file:
-        return _packing(file)
+        return read_packing(file)
+
+
+def write_packing(group: h5py.Group, packing: Packing) -> None:
+    """Write a packing into a file, or a group of one."""
+    group.attrs["provenance"] = json.dumps(packing.provenance, ensure_ascii=False)
+    for name, array in _arrays(packing).items():
+        _write(group, name, array)
+    group["domain"].attrs["is_planar"] = packing.domain.is_planar
 
 
 def _arrays(packing: Packing) -> dict[str, NDArray[Any]]:
@@ -107,7 +112,8 @@ def _arrays(packing: Packing) -> dict[str, NDArray[Any]]:
     return result
 
 
-def _packing(file: h5py.File) -> Packing:
+def read_packing(file: h5py.Group) -> Packing:
+    """Read what `write_packing` wrote."""
     names = ("vertices", "vertex_offsets", "face_offsets", "face_vertices", "face_vertex_offsets")
     links = None
     if "links" in file:
@@ -128,7 +134,7 @@ def _packing(file: h5py.File) -> Packing:
     )
 
 
-def _write(file: h5py.File, name: str, array: NDArray[Any]) -> None:
+def _write(file: h5py.Group, name: str, array: NDArray[Any]) -> None:
     """Write one array: byte-shuffled, gently compressed, each chunk with a checksum; small ones plain."""
     if array.nbytes < 1024:
         file.create_dataset(name, data=array, track_times=False)

@@ -66,6 +66,13 @@ class Apparatus:
         """Set the acceleration, shape (3,)."""
         _find(self._root, "option").set("gravity", _numbers(gravity))
 
+    def remove_wall(self, name: str) -> None:
+        """Take a wall of the container away, for a part that stands where it stood."""
+        for body in self._world.findall("body"):
+            for wall in body.findall("geom"):
+                if wall.get("name") == name:
+                    body.remove(wall)
+
     def add_body(
         self,
         name: str,
@@ -95,10 +102,12 @@ class Apparatus:
         size: ArrayLike,
         *,
         position: ArrayLike = (0.0, 0.0, 0.0),
+        quaternion: ArrayLike = (1.0, 0.0, 0.0, 0.0),
         friction: float = 0.0,
     ) -> None:
         """Add a ``box``, a ``sphere`` or a ``cylinder`` of half sizes to a part, or to the world."""
-        self._add(body, {"name": name, "type": kind, "size": _numbers(size), "pos": _numbers(position)}, friction)
+        place = {"pos": _numbers(position), "quat": _numbers(quaternion)}
+        self._add(body, {"name": name, "type": kind, "size": _numbers(size), **place}, friction)
 
     def add_hull(self, body: Element | None, name: str, corners: ArrayLike, *, friction: float = 0.0) -> None:
         """Add the convex hull of corners, shape (n, 3), in the part's frame, to a part or to the world."""

@@ -85,6 +85,8 @@ class Engine(Protocol):
     """Tensor of inertia of each grain in its own frame, shape (n, 3, 3)."""
     is_glued: NDArray[np.bool_]
     """Which grains are fixed to a part of the apparatus, shape (n,)."""
+    is_present: NDArray[np.bool_]
+    """Which grains take part, shape (n,): all, unless `set_present` has said otherwise."""
 
     @property
     def time(self) -> float:
@@ -120,7 +122,19 @@ class Engine(Protocol):
         """Let grains lose velocity and spin at a rate [1/t] besides all else, as in a fluid; zero for none."""
 
     def remove(self, part: str) -> None:
-        """Let grains pass through a part from now on."""
+        """Let grains pass through a part from now on, until it is put back."""
+
+    def put_back(self, part: str) -> None:
+        """Let a part that was removed stop grains again."""
+
+    def set_present(self, is_present: ArrayLike) -> None:
+        """Say which grains take part, shape (n,), until the next call: others touch nothing, and stay if `still`."""
+
+    def still(self, grains: ArrayLike) -> None:
+        """Let these grains, by number, stop where they are, weightless until they are placed."""
+
+    def place(self, grains: ArrayLike, positions: ArrayLike, quaternions: ArrayLike, velocities: ArrayLike) -> None:
+        """Put these grains, by number, somewhere [d], with their weight, moving at velocities [d/t] without spin."""
 
     def step(self, n_steps: int) -> None:
         """Go on by so many time steps, or raise `EngineError`."""

@@ -236,8 +236,18 @@ class Member(MujocoEngine):
         self._lockstep.is_stale = True
 
     def remove(self, part: str) -> None:
-        """Let grains pass through a part from now on."""
+        """Let grains pass through a part from now on, until it is put back."""
         super().remove(part)
+        self._lockstep.is_stale = True
+
+    def put_back(self, part: str) -> None:
+        """Let a part that was removed stop grains again."""
+        super().put_back(part)
+        self._lockstep.is_stale = True
+
+    def set_present(self, is_present: ArrayLike) -> None:
+        """Say which grains take part, shape (n,), until the next call: others touch nothing, and stay if `still`."""
+        super().set_present(is_present)
         self._lockstep.is_stale = True
 
     def muted(self) -> AbstractContextManager[list[str]]:

@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 CONVERGED_ITERATIONS = 300
 """Iterations of conjugate gradients after which forces are known to 7e-7; those of a step are known to 10 % only."""
 
+_COLLISIONS = ("geom_contype", "geom_conaffinity", "body_contype", "body_conaffinity")
+"""What says who collides with whom; the bodies' is what spares the search for those that touch nothing."""
+
 _GRAIN = re.compile(r"g\d{6,}")
 
 
@@ -84,6 +87,8 @@ class MujocoEngine:
         self._axles = {
             model.joint(j).name: (int(model.jnt_qposadr[j]), int(model.jnt_dofadr[j])) for j in range(model.njnt)
         }
+        self.is_present = np.ones(self.n_grains, dtype=bool)
+        self._collisions = [(kind, getattr(model, kind).copy()) for kind in _COLLISIONS]
         self._surfaces = model.geom_friction[:, 0].copy(), model.geom_priority.copy()
         mujoco.mj_forward(model, self.data)
 
@@ -125,14 +130,20 @@ class MujocoEngine:
 
     def set_velocities(self, velocities: ArrayLike) -> None:
         """Set the velocities of the grains that are not glued [d/t], shape (n, 3); spins become zero."""
-        values = np.asarray(velocities, dtype=np.float64)
+        self._set_velocities(np.arange(self.n_grains), np.asarray(velocities, dtype=np.float64))
+
+    def _set_velocities(self, grains: NDArray[np.int64], velocities: Floats) -> None:
+        """Set the velocities of some grains, by number; spins become zero."""
+        values = np.zeros((self.n_grains, 3))
+        values[grains] = velocities
         for rows, dofs, axes in self._loose_dofs():
-            self.data.qvel[dofs] = 0.0
-            along = values[rows, :axes]
+            mine = np.isin(rows, grains)
+            own, along = dofs[mine], values[rows[mine], :axes]
+            self.data.qvel[own] = 0.0
             if axes == 2:  # each slides along axes of its own, turned with it at the start
-                joints = self.model.dof_jntid[dofs[:, :2]]
-                along = np.einsum("nki,ni->nk", self.data.xaxis[joints], values[rows])
-            self.data.qvel[dofs[:, :axes]] = along
+                joints = self.model.dof_jntid[own[:, :2]]
+                along = np.einsum("nki,ni->nk", self.data.xaxis[joints], values[rows[mine]])
+            self.data.qvel[own[:, :axes]] = along
 
     def hold_up(self, shares: ArrayLike) -> None:
         """Take a share of its weight, 0 to 1, off each grain, shape (n,), until the next call."""
@@ -147,9 +158,49 @@ class MujocoEngine:
             self.model.dof_damping[dofs[:, axes:]] = rate * moments[rows, None]
 
     def remove(self, part: str) -> None:
-        """Let grains pass through a part from now on."""
+        """Let grains pass through a part from now on, until it is put back."""
         chosen = self._id_of_geom == -1 - self.parts.index(part)
         self.model.geom_contype[chosen] = self.model.geom_conaffinity[chosen] = 0
+
+    def put_back(self, part: str) -> None:
+        """Let a part that was removed stop grains again."""
+        chosen = self._id_of_geom == -1 - self.parts.index(part)
+        for kind, before in self._collisions[:2]:
+            getattr(self.model, kind)[chosen] = before[chosen]
+
+    def set_present(self, is_present: ArrayLike) -> None:
+        """Say which grains take part, shape (n,), until the next call: others touch nothing, and stay if `still`."""
+        self.is_present = np.array(is_present, dtype=bool)
+        geoms = np.flatnonzero(self._is_loose())
+        bodies, numbers = self.model.geom_bodyid[geoms], self._id_of_geom[geoms]
+        for kind, before in self._collisions:
+            rows = geoms if kind.startswith("geom") else bodies
+            getattr(self.model, kind)[rows] = np.where(self.is_present[numbers], before[rows], 0)
+
+    def still(self, grains: ArrayLike) -> None:
+        """Let these grains, by number, stop where they are, weightless until they are placed."""
+        ids = np.asarray(grains, dtype=np.int64)
+        for rows, dofs, _ in self._loose_dofs():
+            self.data.qvel[dofs[np.isin(rows, ids)]] = 0.0
+        self.data.xfrc_applied[self.body_of_grain[ids], :3] = -self.masses[ids, None] * self.gravity
+
+    def place(self, grains: ArrayLike, positions: ArrayLike, quaternions: ArrayLike, velocities: ArrayLike) -> None:
+        """Put these grains, by number, somewhere [d], with their weight, moving at velocities [d/t] without spin."""
+        ids = np.asarray(grains, dtype=np.int64)
+        bodies = self.body_of_grain[ids]
+        places, turns = np.asarray(positions, np.float64), np.asarray(quaternions, np.float64)
+        first = self.model.jnt_qposadr[self.model.body_jntadr[bodies]]
+        is_planar = self.model.body_dofnum[bodies] == 3
+        free = first[~is_planar, None] + np.arange(7)
+        self.data.qpos[free] = np.column_stack([places, turns])[~is_planar]
+        # A planar grain slides and turns from where it was written, along its own axes there.
+        began, faced = self.model.body_pos[bodies], self.model.body_quat[bodies]
+        moved = np.einsum("nji,nj->ni", to_matrices(faced), places - began)[:, :2]
+        turned = 2 * (np.arctan2(turns[:, 3], turns[:, 0]) - np.arctan2(faced[:, 3], faced[:, 0]))
+        planar = first[is_planar, None] + np.arange(3)
+        self.data.qpos[planar] = np.column_stack([moved, turned])[is_planar]
+        self._set_velocities(ids, np.asarray(velocities, np.float64))
+        self.data.xfrc_applied[bodies, :3] = 0.0
 
     def step(self, n_steps: int) -> None:
         """Go on by so many time steps, or raise `EngineError`."""

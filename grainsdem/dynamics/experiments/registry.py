@@ -45,6 +45,9 @@ BUILT_IN: dict[str, str] = {
     "direct_shear": "grainsdem.dynamics.experiments.direct_shear",
     "collapse": "grainsdem.dynamics.experiments.collapse",
     "tilt": "grainsdem.dynamics.experiments.tilt",
+    "discharge": "grainsdem.dynamics.experiments.streams.discharge",
+    "feed": "grainsdem.dynamics.experiments.streams.feed",
+    "drum": "grainsdem.dynamics.experiments.drums.drum",
 }
 """Experiments of ours, in the order in which a recipe runs them, and the modules that they are in."""
 

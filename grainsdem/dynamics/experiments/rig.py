@@ -126,7 +126,7 @@ class Trial(Loop, Generic[Report]):
     def in_si(self, row: Any) -> Any:
         """Return a sample as it is stored: in the units of the columns."""
         scales = self.scene.units
-        factors = {"s": scales.time, "m": scales.length, "Pa": scales.stress}
+        factors = {"s": scales.time, "m": scales.length, "Pa": scales.stress, "kg": scales.mass}
         return row._replace(
             **{name: getattr(row, name) * factors[unit] for name, unit in self.columns.items() if unit in factors}
         )

@@ -108,7 +108,7 @@ class Snapshot(Noun):
 
 
 def snapshot(scene: Scene, *, converged: bool = True) -> Snapshot:
-    """Return the present instant; the run goes on as if none had looked.
+    """Return the present instant, of the grains that are present; the run goes on as if none had looked.
 
     Parameters
     ----------
@@ -120,19 +120,21 @@ def snapshot(scene: Scene, *, converged: bool = True) -> Snapshot:
     """
     engine, units = scene.engine, scene.units
     motion, contacts = engine.motion(), engine.contacts() if converged else engine.last_contacts()
+    is_present = engine.is_present
+    numbers = np.cumsum(is_present) - 1  # of grains among those that are present, which alone touch something
     return Snapshot(
         scene.packing(),
         engine.time * units.time,
         np.asarray(engine.gravity) * units.acceleration,
-        motion.velocities * units.velocity,
-        motion.spins / units.time,
-        contacts.pairs,
+        motion.velocities[is_present] * units.velocity,
+        motion.spins[is_present] / units.time,
+        np.where(contacts.pairs >= 0, numbers[contacts.pairs], contacts.pairs),
         contacts.points * units.length,
         contacts.normals,
         contacts.forces * units.force,
         contacts.gaps * units.length,
         contacts.frictions,
         engine.parts,
-        engine.is_glued,
+        engine.is_glued[is_present],
         scene.are_spheres,
     )

@@ -13,6 +13,7 @@ from grainsdem.atomic import replacing
 from grainsdem.errors import FileFormatError, InputError, ShapeError
 from grainsdem.figures.renders import painting
 from grainsdem.figures.scene import set_scene
+from grainsdem.packing.carve import subset
 
 if TYPE_CHECKING:
     import os
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 
     from grainsdem.figures.scene import Scene
     from grainsdem.model import Packing
+
+    Floats = NDArray[np.float64]
 
 SUFFIXES = (".gif", ".webp")
 """What animations are written as."""
@@ -53,7 +56,7 @@ def animate(
     times : array_like, shape (t,)
         When [s] each frame was recorded, growing.
     positions : array_like, shape (t, n, 3)
-        Centroids [m] in each frame.
+        Centroids [m] in each frame; NaN for a grain that is absent.
     quaternions : array_like, shape (t, n, 4)
         Rotations (w, x, y, z) in each frame.
     color_by : {"diameter", "sphericity", "height", "id"} or array_like, shape (n,)
@@ -89,13 +92,7 @@ def animate(
         raise InputError(f"seconds must be positive and finite; got {seconds}")
     moments = _checked(packing, times, positions, quaternions)
     chosen = _even(moments, max(2, round(seconds * FRAMES_PER_SECOND)))
-    places, turns = np.asarray(positions), np.asarray(quaternions)
-    # A frame that is shown longer is one packing, drawn once.
-    moved = {
-        k: replace(packing, positions=places[k], quaternions=turns[k], links=None) for k in np.unique(chosen).tolist()
-    }
-    states = [moved[k] for k in chosen.tolist()]
-    scenes = _scenes(states, color_by)
+    scenes = _scenes(packing, np.asarray(positions), np.asarray(quaternions), chosen, color_by)
     with painting((2 * size[0], 2 * size[1]), fine=False) as draw, replacing(target) as temporary:
         pictures = list(_pictures(scenes, draw, size, progress))
         _write(pictures, temporary, target.suffix.lower(), 1000.0 * seconds / len(pictures))
@@ -129,12 +126,23 @@ def _even(moments: NDArray[np.float64], n: int) -> NDArray[np.int64]:
     return chosen
 
 
-def _scenes(states: list[Packing], color_by: str | ArrayLike) -> list[Scene]:
+def _scenes(
+    packing: Packing, positions: Floats, quaternions: Floats, chosen: NDArray[np.int64], color_by: str | ArrayLike
+) -> list[Scene]:
     """Return what each picture shows: one outline and one scale of colours for all."""
-    first = set_scene(states[0], color_by)
-    tops = [set_scene(state, "id").upper[2] for state in (states[0], states[-1])]
-    upper = np.append(first.upper[:2], max(tops))
-    return [first._replace(packing=state, upper=upper) for state in states]
+    is_present = np.isfinite(positions[..., 0])
+    arrived = np.argmax(is_present, axis=0), np.arange(len(packing))
+    first = set_scene(replace(packing, positions=positions[arrived], quaternions=quaternions[arrived]), color_by)
+    # A frame that is shown longer is one scene, drawn once.
+    scenes = {}
+    for k in np.unique(chosen).tolist():
+        moved = replace(packing, positions=positions[k], quaternions=quaternions[k], links=None)
+        here = moved if is_present[k].all() else subset(moved, np.flatnonzero(is_present[k]))
+        scenes[k] = first._replace(packing=here, values=first.values[is_present[k]])
+    ends = [scenes[k].packing for k in (int(chosen[0]), int(chosen[-1]))]
+    tops = [set_scene(state, "id").upper[2] for state in ends if len(state)]
+    upper = np.append(first.upper[:2], max(tops, default=first.upper[2]))
+    return [scenes[k]._replace(upper=upper) for k in chosen.tolist()]
 
 
 def _pictures(

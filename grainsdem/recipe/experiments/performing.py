@@ -156,6 +156,7 @@ def write_replays(
         Where files that cannot be made of this bed are noted, with their reasons.
     """
     files: list[Path] = []
+    packing = storage.load_moved(history, packing) if suffixes else packing
     for suffix in suffixes:
         path = stem.with_name(f"{stem.name}.{suffix}")
         motion = storage.load_motion(history)

@@ -1,0 +1,1 @@
+"""A rotating drum: its shell, how well it mixes, and the experiment."""
