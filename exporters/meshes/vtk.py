@@ -165,7 +165,8 @@ def series(
     options = options or VtkOptions()
     moved = [_moved(packing, place, turn) for place, turn in zip(places, turns, strict=True)]
     for state in moved:
-        measured(state)
+        if len(state):
+            measured(state)
     digits = max(4, len(str(t - 1)))
     names = [f"{name}.{k:0{digits}d}.vtp" for k in range(t)]
     rows = "".join(

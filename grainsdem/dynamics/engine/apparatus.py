@@ -66,6 +66,14 @@ class Apparatus:
         """Set the acceleration, shape (3,)."""
         _find(self._root, "option").set("gravity", _numbers(gravity))
 
+    @property
+    def container(self) -> Element | None:
+        """Body of the container's walls, for shapes that take the place of one; nothing where there is none.
+
+        Few grains with shapes of the world besides walls are more pairs than MuJoCo keeps room for.
+        """
+        return next((body for body in self._world.findall("body") if body.get("name") == "container"), None)
+
     def remove_wall(self, name: str) -> None:
         """Take a wall of the container away, for a part that stands where it stood."""
         for body in self._world.findall("body"):

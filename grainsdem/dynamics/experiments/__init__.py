@@ -2,6 +2,7 @@
 
 from grainsdem.dynamics.experiments.collapse import CollapseReport, collapse
 from grainsdem.dynamics.experiments.direct_shear import DirectShearReport, direct_shear
+from grainsdem.dynamics.experiments.drums.drum import DrumReport, drum
 from grainsdem.dynamics.experiments.loading import Staged
 from grainsdem.dynamics.experiments.registry import Experiment, experiment
 from grainsdem.dynamics.experiments.resting import Resting, pour
@@ -9,6 +10,8 @@ from grainsdem.dynamics.experiments.rig import JsonReport, Outcome, Trial, assem
 from grainsdem.dynamics.experiments.ring import RingReport, ring_shear
 from grainsdem.dynamics.experiments.shared import CompactionFriction, Friction, Gravity, Run, WallFriction
 from grainsdem.dynamics.experiments.start import as_asked, in_block, options_of
+from grainsdem.dynamics.experiments.streams.discharge import DischargeReport, discharge
+from grainsdem.dynamics.experiments.streams.feed import FeedReport, feed
 from grainsdem.dynamics.experiments.tilt import TiltReport, tilt
 from grainsdem.dynamics.experiments.triaxial import TriaxialReport, triaxial
 
@@ -16,7 +19,10 @@ __all__ = [
     "CollapseReport",
     "CompactionFriction",
     "DirectShearReport",
+    "DischargeReport",
+    "DrumReport",
     "Experiment",
+    "FeedReport",
     "Friction",
     "Gravity",
     "JsonReport",
@@ -33,7 +39,10 @@ __all__ = [
     "assemble",
     "collapse",
     "direct_shear",
+    "discharge",
+    "drum",
     "experiment",
+    "feed",
     "in_block",
     "options_of",
     "pour",

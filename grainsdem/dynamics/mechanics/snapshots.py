@@ -128,7 +128,7 @@ def snapshot(scene: Scene, *, converged: bool = True) -> Snapshot:
         np.asarray(engine.gravity) * units.acceleration,
         motion.velocities[is_present] * units.velocity,
         motion.spins[is_present] / units.time,
-        np.where(contacts.pairs >= 0, numbers[contacts.pairs], contacts.pairs),
+        np.where(contacts.pairs >= 0, numbers[np.maximum(contacts.pairs, 0)], contacts.pairs),
         contacts.points * units.length,
         contacts.normals,
         contacts.forces * units.force,

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 USUAL_FROUDE = 1e-2
-"""Froude number of a drum whose period is not given: a steady, rolling surface."""
+"""Froude number of a drum whose period is not given: a steady surface, and not too long a run."""
 
 FASTEST = 0.05
 """Way [d] of the shell in a time step beyond which grains would be carried by what passes through them."""
@@ -168,7 +168,8 @@ def drum(
     ] = 0.35,
     radius: Annotated[float | None, option("Inner radius of the drum; by default as the fill asks.", "m", gt=0)] = None,
     length: Annotated[
-        float | None, option("Length of the drum; by default half its radius, or as the fill asks.", "m", gt=0)
+        float | None,
+        option("Length of the drum; by default half its radius, or a grain's width, or as the fill asks.", "m", gt=0),
     ] = None,
     lifters: Annotated[int, option("Number of radial plates on the shell that lift grains.", ge=0, le=32)] = 0,
     lifter_height: Annotated[

@@ -30,8 +30,8 @@ def lacey_index(points: ArrayLike, is_second: ArrayLike, *, width: float) -> flo
     Notes
     -----
     With p the share of the second kind and p_c that in a cell of n_c grains, S² is the mean of (p_c - p)² over the
-    grains, S₀² = p (1 - p) that of kinds that are apart, and S_R² = p (1 - p) over the mean number of grains in a cell
-    that of a random mixture. The index is (S₀² - S²) / (S₀² - S_R²) [1]_.
+    grains, S₀² = p (1 - p) that of kinds that are apart, and S_R² = p (1 - p) (K - 1) / (N - 1) that of a random
+    mixture of N grains in K cells. The index is (S₀² - S²) / (S₀² - S_R²) [1]_.
 
     .. [1] P. M. C. Lacey, Developments in the theory of particle mixing, J. Appl. Chem. 4, 257-268 (1954).
 
@@ -49,5 +49,5 @@ def lacey_index(points: ArrayLike, is_second: ArrayLike, *, width: float) -> flo
     share, shares = kinds.mean(), np.bincount(owner.ravel(), weights=kinds) / counts
     variance = float(counts @ np.square(shares - share)) / len(kinds)
     apart = share * (1 - share)
-    random = apart * len(counts) / len(kinds)
+    random = apart * (len(counts) - 1) / max(len(kinds) - 1, 1)
     return float((apart - variance) / (apart - random)) if apart > random else float("nan")

@@ -79,7 +79,7 @@ class Shell:
         volume = float(volumes(packing.grains).sum()) / fraction / fill
         if self.is_planar:
             length = float(packing.domain.lengths[2])
-        self._radius, self._length = _sizes(volume, radius, length)
+        self._radius, self._length = _sizes(volume, radius, length, step)
         if self._length < step and not self.is_planar:
             raise InputError(f"a drum {self._length:.4g} m long is shorter than the largest grain, {step:.4g} m")
         self.packing = self._above(packing, rng)
@@ -161,13 +161,10 @@ class Shell:
         return replace(placed, domain=Domain(lower, placed.domain.upper, is_planar=self.is_planar))
 
 
-def _sizes(volume: float, radius: float | None, length: float | None) -> tuple[float, float]:
+def _sizes(volume: float, radius: float | None, length: float | None, step: float) -> tuple[float, float]:
     """Return radius and length [m] of a drum of a volume [m³]; where both are given they are what they are."""
+    if radius is None and length is None:
+        length = max(LENGTH_SHARE * float(np.cbrt(volume / (np.pi * LENGTH_SHARE))), step)
     if radius is None:
-        if length is None:
-            radius = float(np.cbrt(volume / (np.pi * LENGTH_SHARE)))
-        else:
-            radius = float(np.sqrt(volume / (np.pi * length)))
-    if length is None:
-        length = volume / (np.pi * radius**2)
-    return radius, length
+        radius = float(np.sqrt(volume / (np.pi * length)))  # type: ignore[operator]  # one of the two is given
+    return radius, volume / (np.pi * radius**2) if length is None else length

@@ -333,8 +333,8 @@ class _Discharge(Stream[DischargeReport]):
         return float((mass[last] - mass[first]) / span), error, float((out[last] - out[first]) / span)
 
     def _bulk_density(self) -> float:
-        """Return mass over volume [ρ] between a fifth and four fifths of the bed's height."""
+        """Return mass over volume [ρ] between a fifth and four fifths of the bed's height, NaN where no grain is."""
         heights = self.scene.poses()[0][:, self.scene.up] - self.outlet.floor
         low, high = (share * float(heights.max()) for share in LAYER)
         mass = float(self.masses[(heights >= low) & (heights < high)].sum())
-        return mass / self.outlet.volume(low, high)
+        return mass / self.outlet.volume(low, high) if mass > 0 else float("nan")

@@ -76,10 +76,11 @@ class Outlet:
         self.lower, self.upper, self.planes = domain.lower, domain.upper, domain.planes
         self.floor, width = float(self.lower[self.up]), self.width / units.length
         self.middle = 0.5 * (self.lower + self.upper)
+        container = apparatus.container
         apparatus.remove_wall("wall_y0" if self.up == 1 else "floor")
         for k in self.leaning.tolist():
             apparatus.remove_wall(f"wall_p{k}")
-            apparatus.add_hull(None, f"plate_{k}", _plate(domain, k), friction=friction)
+            apparatus.add_hull(container, f"plate_{k}", _plate(domain, k), friction=friction)
         if self.leaning.size:
             self.half = (0.5 * (self._bottom[1] - self._bottom[0]) / units.length)[: self.up]
             self.middle = 0.5 * self._bottom.sum(axis=0) / units.length
@@ -87,13 +88,13 @@ class Outlet:
             self.half = np.full(self.up, 0.5 * width)
             pieces = self._slot(0.5 * width) if self.up == 1 else self._hole(0.5 * width)
             for k, corners in enumerate(pieces):
-                apparatus.add_hull(None, f"floor_{k}", corners, friction=friction)
+                apparatus.add_hull(container, f"floor_{k}", corners, friction=friction)
         size, place = np.full(3, 0.5 * THICKNESS), self.middle.copy()
         size[: self.up] = self.half + (THICKNESS if self.leaning.size else 0.0)
         place[self.up] = self.floor - 0.5 * THICKNESS
         if self.up == 1:
             size[2] = self.upper[2] - self.lower[2] + 1.0
-        apparatus.add_shape(None, GATE, "box", size, position=place, friction=friction)
+        apparatus.add_shape(container, GATE, "box", size, position=place, friction=friction)
 
     def above(self, positions: Floats) -> NDArray[np.bool_]:
         """Return which centroids [d], shape (n, 3), are over the middle half of the opening, shape (n,).
