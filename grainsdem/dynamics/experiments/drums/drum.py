@@ -348,7 +348,7 @@ class _Drum(Resting[DrumReport]):
         last = self.samples[-1]
         return DrumReport(
             dynamic_angle=float(angles.mean()),
-            dynamic_angle_spread=float(angles.std(ddof=1)),
+            dynamic_angle_spread=float(angles.std(ddof=1)) if len(angles) > 1 else float("nan"),
             mass_angle=float(leaning.mean()),
             torque=torque * scales.energy,
             lift_torque=lift * scales.energy,

@@ -1,0 +1,74 @@
+"""Let a silo with a flat floor run out through openings of several widths, and hold the rates against Beverloo's law.
+
+What left is fed in again above the bed, so that the flow is steady. The rate to the power 2/5 (2/3 in a plane) goes
+linearly with the opening, and vanishes at k diameters. Run with ``--quick`` for a planar bed and two openings.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+import grainsdem as gd
+from grainsdem.figures.curves import Panel, curve_figure
+
+
+def make_grains(n: int) -> gd.Packing:
+    """Return grains of about a millimetre in a box that is as wide as two and a half of the widest openings."""
+    domain = gd.Domain.box(1e-3 * np.array([11.0, 11.0, n / 121.0]))
+    seeds = gd.relax(gd.points.poisson(domain, n, rng=1), domain, iterations=3)
+    return gd.shrink(gd.carve(gd.tessellate(seeds, domain), keep="all"), porosity=0.4)
+
+
+def make_prisms(n: int) -> gd.Packing:
+    """Return prisms of about a millimetre in a silo as high as it is wide."""
+    domain = gd.Domain.slab(1e-3 * np.array([1.0, 1.0]) * n**0.5, 1e-3)
+    cells = gd.tessellate(gd.relax(gd.points.poisson(domain, n, rng=1), domain, iterations=3), domain)
+    return gd.shrink(gd.carve(cells, keep="all"), porosity=0.3)
+
+
+def main() -> None:
+    """Print the rates and the exponent, and draw Beverloo's straight line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="a planar bed, two openings")
+    parser.add_argument("--output", type=Path, default=Path(), help="folder for the figure")
+    arguments = parser.parse_args()
+    grains = make_prisms(36) if arguments.quick else make_grains(900)
+    widths = np.array([3.5, 4.5]) if arguments.quick else np.array([2.5, 3.0, 3.5, 4.25])
+    law = 1.5 if arguments.quick else 2.5
+    bed = gd.settle(grains, start="pour", spheres=not arguments.quick, friction=0.3, rng=1).packing
+    diameter = float(np.median(gd.diameters(bed)))
+    rates = []
+    for width in widths:
+        report = gd.discharge(
+            bed,
+            opening=float(width * diameter),
+            spheres=not arguments.quick,
+            friction=0.3,
+            refill=True,
+            max_time=10.0 if arguments.quick else 60.0,
+        ).report
+        print(
+            f"opening {width} d: {report.grain_rate:.0f} ± {report.grain_rate * report.rate_error / report.rate:.0f} "
+            f"grains/s, constant {report.beverloo:.2f}{', jammed' if report.is_jammed else ''}"
+        )
+        rates.append(report.rate)
+    exponent = np.polyfit(np.log(widths - 1.4), np.log(rates), 1)[0]
+    print(f"rate goes with the opening less 1.4 d to the power {exponent:.2f} (Beverloo: {law})")
+    line = np.polyfit(widths, np.array(rates) ** (1 / law), 1)
+    print(f"it vanishes at {-line[1] / line[0]:.2f} d")
+    at = np.array([-line[1] / line[0], widths.max()])
+    power = "2/3" if arguments.quick else "2/5"
+    curves = Panel(
+        "opening / d",
+        f"rate to the power {power}  [(kg/s)^({power})]",
+        {"line": (at, np.polyval(line, at))},
+        {"measured": (widths, np.array(rates) ** (1 / law))},
+    )
+    print(f"drawn in {curve_figure([curves], arguments.output / 'silo.png')}")
+
+
+if __name__ == "__main__":
+    main()
