@@ -27,7 +27,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="few prisms, one speed, no animation")
     parser.add_argument("--output", type=Path, default=Path(), help="folder for the figure and the animation")
     arguments = parser.parse_args()
-    n, froude_numbers, turns = (25, (0.03,), 0.1) if arguments.quick else (200, (2e-3, 1e-2, 5e-2, 0.2), 1.5)
+    n, froude_numbers, turns = (25, (0.03,), 0.1) if arguments.quick else (100, (1e-2, 5e-2, 0.2), 1.0)
     grains = make_prisms(n)
     radius = gd.drum(grains, turns=1e-3, rng=1).report.radius
     angles, spreads, mixed = [], [], {}

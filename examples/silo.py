@@ -1,7 +1,7 @@
 """Let a silo with a flat floor run out through openings of several widths, and hold the rates against Beverloo's law.
 
 What left is fed in again above the bed, so that the flow is steady. The rate to the power 2/5 (2/3 in a plane) goes
-linearly with the opening, and vanishes at k diameters. Run with ``--quick`` for a planar bed and two openings.
+linearly with the opening, and vanishes at k diameters. Run with ``--quick`` for a planar bed of discs and two openings.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from grainsdem.figures.curves import Panel, curve_figure
 
 def make_grains(n: int) -> gd.Packing:
     """Return grains of about a millimetre in a box that is as wide as two and a half of the widest openings."""
-    domain = gd.Domain.box(1e-3 * np.array([11.0, 11.0, n / 121.0]))
+    domain = gd.Domain.box(1e-3 * np.array([8.5, 8.5, n / 72.25]))
     seeds = gd.relax(gd.points.poisson(domain, n, rng=1), domain, iterations=3)
     return gd.shrink(gd.carve(gd.tessellate(seeds, domain), keep="all"), porosity=0.4)
 
@@ -32,23 +32,23 @@ def make_prisms(n: int) -> gd.Packing:
 def main() -> None:
     """Print the rates and the exponent, and draw Beverloo's straight line."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="a planar bed, two openings")
+    parser.add_argument("--quick", action="store_true", help="a planar bed of discs, two openings")
     parser.add_argument("--output", type=Path, default=Path(), help="folder for the figure")
     arguments = parser.parse_args()
-    grains = make_prisms(36) if arguments.quick else make_grains(900)
-    widths = np.array([3.5, 4.5]) if arguments.quick else np.array([2.5, 3.0, 3.5, 4.25])
+    grains = make_prisms(25) if arguments.quick else make_grains(450)
+    widths = np.array([3.0, 4.0]) if arguments.quick else np.array([2.2, 2.6, 3.0, 3.4])
     law = 1.5 if arguments.quick else 2.5
-    bed = gd.settle(grains, start="pour", spheres=not arguments.quick, friction=0.3, rng=1).packing
+    bed = gd.settle(grains, start="pour", spheres=True, friction=0.3, rng=1).packing
     diameter = float(np.median(gd.diameters(bed)))
     rates = []
     for width in widths:
         report = gd.discharge(
             bed,
             opening=float(width * diameter),
-            spheres=not arguments.quick,
+            spheres=True,
             friction=0.3,
             refill=True,
-            max_time=10.0 if arguments.quick else 60.0,
+            max_time=10.0 if arguments.quick else 40.0,
         ).report
         print(
             f"opening {width} d: {report.grain_rate:.0f} ± {report.grain_rate * report.rate_error / report.rate:.0f} "

@@ -101,6 +101,7 @@ from .packing import (
     shrink,
     shuffle,
     size_of,
+    subset,
     throat_widths,
 )
 from .storage import load, load_history, load_motion, load_moved, save
@@ -215,6 +216,7 @@ __all__ = [
     "sized_cells",
     "specific_surface",
     "sphericities",
+    "subset",
     "summary",
     "surface_areas",
     "survey",

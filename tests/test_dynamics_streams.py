@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 from conftest import cube_packing
 from loading import check_that_it_goes_on, grow, grow_planar
+from typer.testing import CliRunner
 
 import exporters
 from exporters.mjcf import MjcfOptions, units
-from grainsdem.dynamics import discharge, feed
+from grainsdem.cli import app
+from grainsdem.dynamics import discharge, feed, settle
 from grainsdem.dynamics.mechanics import snapshot
 from grainsdem.dynamics.scene import build
 from grainsdem.errors import InputError
@@ -18,7 +22,8 @@ from grainsdem.measures import diameters
 from grainsdem.model import Domain
 from grainsdem.packing import carve, shrink, subset
 from grainsdem.points import poisson
-from grainsdem.storage import load_motion, load_moved
+from grainsdem.recipe import make, run
+from grainsdem.storage import load, load_motion, load_moved, save
 from grainsdem.tessellation import relax, tessellate
 
 pytestmark = pytest.mark.client
@@ -29,6 +34,13 @@ def grow_in_hopper(n):
     domain = Domain.hopper(12.0, 9.0, 5.0)
     seeds = poisson(domain, n, rng=1)
     return shrink(carve(tessellate(relax(seeds, domain, iterations=2), domain), keep="all"), porosity=0.5)
+
+
+def grow_silo(width, n):
+    """Return n prisms in a silo so many of them wide."""
+    domain = Domain.slab((1e-3 * width, 1e-3 * n / width), 1e-3)
+    seeds = relax(poisson(domain, n, rng=1), domain, iterations=3)
+    return shrink(carve(tessellate(seeds, domain), keep="all"), porosity=0.3)
 
 
 def test_what_is_absent_touches_nothing_and_stays_until_it_is_put_in_again():
@@ -91,19 +103,19 @@ def test_a_cube_over_a_hole_leaves_and_those_on_the_floor_stay():
 
 def test_a_jam_bears_the_grains_over_the_opening():
     # Of a slot 1.2 times as wide as the widest prism.
-    bed = grow_planar(25)
+    bed = grow_planar(16)
     opening = 1.2 * float(diameters(bed.grains).max())
-    reports = [discharge(bed, rng=seed, opening=opening, friction=0.9).report for seed in (1, 2, 3)]
+    reports = [discharge(bed, rng=seed, opening=opening, friction=0.9).report for seed in (1, 2)]
     assert all(report.is_jammed and not report.is_drained for report in reports)
-    assert all(report.n_discharged < 25 for report in reports)
+    assert all(report.n_discharged < 16 for report in reports)
     assert all(np.isfinite(report.stop_time) for report in reports)
 
 
 def test_what_left_and_what_stayed_is_what_there_was():
-    bed = grow_planar(25)
+    bed = grow_planar(16)
     outcome = discharge(bed, rng=2, opening=3e-3)
     report, history = outcome.report, outcome.history
-    assert report.n_discharged + len(outcome.packing) == 25
+    assert report.n_discharged + len(outcome.packing) == 16
     mass = history["discharged_mass"] + history["inside_mass"]
     np.testing.assert_allclose(mass, mass[0], rtol=1e-12)
     assert (np.diff(history["discharged_mass"]) >= 0).all()
@@ -118,9 +130,10 @@ def test_a_hopper_empties_itself():
 
 
 def test_a_planar_silo_has_a_slot():
-    report = discharge(grow_planar(25), rng=1, opening=3e-3, friction=0.2).report
-    assert report.n_discharged > 5
-    assert report.is_drained or report.is_jammed
+    # Discs without friction cannot bridge more than three of their diameters.
+    report = discharge(grow_planar(25), rng=1, opening=4e-3, friction=0.0, spheres=True, max_time=20.0).report
+    assert report.n_discharged > 10
+    assert not report.is_jammed
 
 
 def test_grains_that_left_come_in_again_where_they_are_fed_back():
@@ -133,16 +146,13 @@ def test_grains_that_left_come_in_again_where_they_are_fed_back():
 @pytest.mark.slow
 @pytest.mark.statistical
 def test_the_rate_follows_beverloo():
-    # Five halves in space, whatever the height of the bed, over four openings that do not jam.
-    bed = grow(500)
-    diameter = units(bed).length
-    openings = np.array([3.0, 3.75, 4.5, 5.5])
-    rates = [
-        discharge(bed, rng=1, opening=d * diameter, spheres=True, friction=0.3, refill=True, max_time=30.0).report.rate
-        for d in openings
-    ]
-    slope = np.polyfit(np.log(openings - 1.4), np.log(rates), 1)[0]
-    assert slope == pytest.approx(2.5, rel=0.1)
+    # In a plane the rate goes with the opening less its rim, of a diameter or so, to the power 3/2, whatever the height
+    # of the bed. Rates of four such runs were known to 9 to 13 %: the exponent of two is to 0.17, a seventh of what parts
+    # it from that of space.
+    bed = settle(grow_silo(15.0, 180), start="pour", spheres=True, friction=0.3, rng=1).packing
+    options = {"spheres": True, "friction": 0.3, "refill": True, "max_time": 40.0}
+    narrow, wide = (discharge(bed, opening=d * units(bed).length, **options).report.rate for d in (3.0, 6.0))
+    assert np.log(wide / narrow) / np.log(5.0 / 2.0) == pytest.approx(1.5, abs=0.8)
 
 
 @pytest.mark.slow
@@ -262,3 +272,34 @@ def test_grains_of_a_packing_are_chosen_by_number():
     assert subset(bed, [2, 0]).positions[:, 2].tolist() == [7.0, 1.0]
     with pytest.raises(InputError, match="grains 0 to 2"):
         subset(bed, [3])
+
+
+def test_a_stream_is_a_command_and_its_replay_needs_no_other_grains(tmp_path):
+    bed, out, history = save(grow(10), tmp_path / "bed.h5"), tmp_path / "fed.h5", tmp_path / "history.h5"
+    corners = [value for number in (0.0, 0.0, 4e-3, 2e-3, 2e-3, 6e-3) for value in ("--inlet", str(number))]
+    words = ["feed", bed, out, *corners, "--release", "wall_x1", "--max-time", 3, "--history", history, "--json"]
+    result = CliRunner().invoke(app, [str(word) for word in words])
+    assert result.exit_code == 0, result.output
+    told = json.loads(result.stdout)
+    assert told["n_fed"] - told["n_removed"] == told["n_inside"] == len(load(out))
+    replayed = CliRunner().invoke(app, ["replay", str(out), str(history), str(tmp_path / "fed.pvd")])
+    assert replayed.exit_code == 0, replayed.output
+
+
+def test_a_recipe_feeds_and_opens_a_silo(tmp_path):
+    tables = {
+        "domain": {"shape": "slab", "lengths": [4e-3, 4e-3, 1e-3]},
+        "seeds": {"count": 16},
+        "grains": {"porosity": 0.4, "keep": "all"},
+        "discharge": {"opening": 3e-3, "max_time": 5.0},
+        "feed": {"max_time": 2.0},
+        "drum": {"turns": 0.02},
+        "output": {"formats": [], "figures": True, "replays": ["pvd"]},
+    }
+    result = run(make(**tables), tmp_path)
+    told = json.loads((tmp_path / "summary.json").read_text())
+    assert told["discharge"]["n_discharged"] + len(load(tmp_path / "discharge.h5")) == 16
+    assert told["feed"]["n_fed"] == told["feed"]["n_inside"] > 8
+    assert told["drum"]["froude_number"] == pytest.approx(0.01)
+    names = {path.name for path in result.files}
+    assert {"discharge.png", "feed.png", "drum.png", "discharge_replay.pvd", "feed_replay.pvd"} <= names
