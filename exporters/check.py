@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from grainsdem.errors import InputError, name_offenders
 from grainsdem.geometry.integrals import Integrals, integrate
 from grainsdem.model import Packing, Polyhedra
+from grainsdem.options import coefficients
 from grainsdem.ragged import owners
 
 if TYPE_CHECKING:
@@ -57,6 +59,7 @@ def stretches(packing: Packing) -> Iterator[tuple[int, Packing]]:
                 packing.quaternions[first:last],
                 packing.densities[first:last],
                 packing.domain,
+                frictions=packing.frictions_of(slice(first, last)),
             ),
         )
 
@@ -85,6 +88,15 @@ def check_positive(name: str, value: float, *, or_zero: bool = False) -> None:
     is_number = isinstance(value, (int, float, np.number))
     if not (is_number and math.isfinite(value) and (value > 0 or (or_zero and value == 0))):
         raise InputError(f"{name} must be {'zero or more' if or_zero else 'positive'} and finite; got {value!r}")
+
+
+def checked_coefficients(name: str, given: float | Mapping[str, float] | str | None) -> Any:
+    """Return one coefficient or several by name, texts read, or raise `InputError`; see `grainsdem.options`."""
+    try:
+        return coefficients(given)
+    except ValueError as error:
+        shown = "" if isinstance(given, Mapping) else f"; got {given!r}"
+        raise InputError(f"{name} {error}{shown}") from None
 
 
 def check_name(name: str) -> None:

@@ -14,6 +14,8 @@ from .dynamics import (
     settle,
     tilt,
     triaxial,
+    with_densities,
+    with_frictions,
 )
 from .errors import (
     FileFormatError,
@@ -231,6 +233,8 @@ __all__ = [
     "volumes",
     "voxelize",
     "widths",
+    "with_densities",
+    "with_frictions",
     "world_vertices",
     "write_csv",
     "write_edges",

@@ -7,20 +7,25 @@ options a frozen model, and `checked` the values of a call, with one line for wh
 from __future__ import annotations
 
 import inspect
+import math
 import re
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, get_args, get_origin
+from collections.abc import Mapping
+from types import UnionType
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Union, get_args, get_origin
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, create_model
 
 from grainsdem.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Sequence
 
     from pydantic.fields import FieldInfo
 
-_KIND = re.compile(r"(constrained-)?(str|int|float|bool|none)|(literal|tuple|list|sequence)\[.*|function-.*")
+_KIND = re.compile(
+    r"(constrained-)?(str|int|float|bool|none)|(literal|tuple|list|sequence|dict|mapping)\[.*|function-.*"
+)
 """What pydantic puts behind a key that takes values of several kinds."""
 
 _LIMITS = {"gt": "above", "ge": "at least", "lt": "below", "le": "at most"}
@@ -47,6 +52,57 @@ def option(help: str, unit: str = "", **limits: float) -> Any:  # noqa: A002  (w
     told: dict[str, Any] = dict(limits)
     return Field(description=help, json_schema_extra={"unit": unit} if unit else None, **told)
 
+
+def coefficients(given: object) -> object:
+    """Return one coefficient, or several by name, as they are given: texts are read.
+
+    Parameters
+    ----------
+    given : float, mapping or str
+        One for all; a mapping from names to numbers; a text for either, such as ``0.3`` or ``floor=0.6,wall_x0=0``.
+        None stays.
+
+    Raises
+    ------
+    ValueError
+        If it is none of these, or a number is below zero or not finite.
+
+    Examples
+    --------
+    >>> coefficients("0.3"), coefficients("floor=0.6,wall_x0=0")
+    (0.3, {'floor': 0.6, 'wall_x0': 0.0})
+    """
+    read = _read(given) if isinstance(given, str) else given
+    if read is None or _is_coefficient(read):
+        return read
+    is_table = isinstance(read, Mapping) and read and all(isinstance(name, str) and name for name in read)
+    if isinstance(read, Mapping) and is_table and all(map(_is_coefficient, read.values())):
+        return {name: float(value) for name, value in read.items()}
+    rule = "must be zero or more and finite"
+    if not _is_number(given):
+        rule += ", or such numbers by name as floor=0.6,wall_x0=0"
+    # What is told of a mistake shows what was given, but for tables.
+    raise ValueError(f"{rule}; got {dict(given)}" if isinstance(given, Mapping) else rule)
+
+
+def _read(text: str) -> float | dict[str, float]:
+    """Return what a text such as ``0.3`` or ``floor=0.6,wall_x0=0`` says; NaN for nothing of the kind."""
+    try:
+        pairs = [item.split("=") for item in text.split(",")]
+        return {name.strip(): float(value) for name, value in pairs} if "=" in text else float(text)
+    except ValueError:
+        return math.nan
+
+
+def _is_coefficient(value: object) -> bool:
+    return _is_number(value) and math.isfinite(value) and value >= 0  # type: ignore[arg-type,operator]
+
+
+Coefficient = Annotated[float, Field(ge=0)]
+"""A coefficient of friction."""
+
+ByName = Annotated[Coefficient | Mapping[str, Coefficient] | None, BeforeValidator(coefficients)]
+"""One coefficient for all, or several by name; in commands, which have no tables, ``floor=0.6,wall_x0=0``."""
 
 STRICT = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 """What models of options are: a text or a yes is no number, and no number is infinite."""
@@ -81,7 +137,7 @@ class Told(NamedTuple):
 
 
 def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
+    return isinstance(value, int | float | np.number) and not isinstance(value, bool)
 
 
 def model_of(function: Callable[..., Any], name: str) -> type[BaseModel]:
@@ -126,20 +182,34 @@ def told_of(field: FieldInfo, name: str) -> Told:
     allowed = [
         f"{words} {getattr(limit, key):g}"
         for key, words in _LIMITS.items()
-        for limit in field.metadata
+        for limit in _limits_of(field.annotation, field.metadata)
         if hasattr(limit, key)
     ]
     return Told(
-        name, kind_of(field.annotation), str(extra.get("unit", "")), ", ".join(allowed), field.description or "",
+        name, kind_of(field.annotation), str(extra.get("unit", "")), ", ".join(dict.fromkeys(allowed)),
+        field.description or "",
         field.default, field.annotation,
     )  # fmt: skip
 
 
+def _limits_of(annotation: Any, metadata: Sequence[Any]) -> list[Any]:
+    """Return what may limit a number: of a field, and of the kinds that it takes."""
+    found = list(metadata)
+    if get_origin(annotation) is Annotated:
+        found += [limit for note in annotation.__metadata__ for limit in getattr(note, "metadata", [])]
+    return found + [limit for part in get_args(annotation) if get_origin(part) for limit in _limits_of(part, [])]
+
+
 def kind_of(annotation: Any) -> str:
     """Return a type as it is told: words of a choice are quoted, and what may be left out is ``optional``."""
+    if get_origin(annotation) is Annotated:
+        return kind_of(annotation.__origin__)
     options = [kind for kind in get_args(annotation) if kind is not type(None)]
-    if len(options) < len(get_args(annotation)):
-        return f"{kind_of(options[0])}, optional"
+    if get_origin(annotation) in {Union, UnionType}:
+        kinds = " or ".join(kind_of(kind) for kind in options)
+        return f"{kinds}, optional" if len(options) < len(get_args(annotation)) else kinds
+    if get_origin(annotation) is Mapping:
+        return f"table of {kind_of(options[1])}"
     if options and all(isinstance(word, str) for word in options):
         return f"{{{', '.join(repr(word) for word in options)}}}"
     if options:

@@ -26,7 +26,7 @@ from exporters.dem.bodies import (
 )
 from exporters.dem.options import SkinOptions
 from exporters.dem.scene import check_word, height, springs
-from exporters.rest import down, frictions
+from exporters.rest import down, one_friction
 from exporters.text import rows_of_text, table_of_text
 from exporters.units import factors_of, units_of
 from grainsdem.geometry.rotations import to_matrices
@@ -205,7 +205,7 @@ def _script(bed: _Bed) -> str:
         reach=f"{cutoff + 0.1:.9g}",
         cutoff=f"{cutoff:.9g}",
         damping=f"{damping:.9g}",
-        friction=f"{frictions(bed.packing, options.friction)[0]:.9g}",
+        friction=f"{one_friction(bed.packing, options.friction):.9g}",
         stiffness=f"{stiffness:.9g}",
         time_step=f"{time_step:.9g}",
         down=rows_of_text(down(bed.packing), [3])[0],

@@ -21,7 +21,7 @@ from exporters.dem.bodies import (
 )
 from exporters.dem.options import SkinOptions
 from exporters.dem.scene import check_word, height, springs, walls
-from exporters.rest import down, frictions
+from exporters.rest import down, one_friction
 from exporters.text import filled, rows_of_text, table_of_text
 
 if TYPE_CHECKING:
@@ -124,7 +124,7 @@ def _configuration(
         "knContact": law.stiffness,
         "en2Contact": options.restitution**2,
         "ktContact": law.stiffness,
-        "muContact": frictions(packing, options.friction)[0],
+        "muContact": one_friction(packing, options.friction),
         "krContact": 0.0,
         "murContact": 0.0,
     }

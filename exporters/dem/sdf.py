@@ -13,7 +13,7 @@ from exporters.container import GRAIN_COLOURS, shades, world_bounds
 from exporters.dem.bodies import bodies, parts
 from exporters.dem.options import WALLS, check_friction
 from exporters.dem.scene import check_word, height, springs, walls
-from exporters.rest import down, frictions
+from exporters.rest import down, one_friction
 from exporters.text import rows_of_text, table_of_text
 from exporters.units import check_units, chosen_units, factors_of
 from grainsdem.geometry.rotations import to_matrices
@@ -176,7 +176,7 @@ def _world(packing: Packing, sizes: Bodies, scales: GrainUnits, *, options: SdfO
     d = float(np.median(sizes.diameters))
     law = springs(sizes, options.depth * sizes.diameters, height(packing, ends), options.gravity, steps=20)
     surface = _SURFACE.format(
-        f"{frictions(packing, options.friction)[0]:.9g}", f"{law.stiffness / scales.force * scales.length:.9g}"
+        f"{one_friction(packing, options.friction):.9g}", f"{law.stiffness / scales.force * scales.length:.9g}"
     )
     yield _HEADER.substitute(
         name=name,

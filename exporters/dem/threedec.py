@@ -14,7 +14,7 @@ from exporters.container import container_box, world_bounds
 from exporters.dem.bodies import bodies, parts
 from exporters.dem.options import WALLS, check_friction
 from exporters.dem.scene import check_word, height
-from exporters.rest import down, frictions
+from exporters.rest import down, one_friction
 from exporters.text import filled, rows_of_text, table_of_text
 from grainsdem.geometry.rotations import world_vertices
 
@@ -136,7 +136,7 @@ def _commands(packing: Packing, sizes: Bodies, options: ThreedecOptions, name: s
             for grain, density in zip(names, told, strict=True)
             if density != told[0]
         ]),
-        joint=f"{joint}friction {np.degrees(np.arctan(frictions(packing, options.friction)[0])):.9g}",
+        joint=f"{joint}friction {np.degrees(np.arctan(one_friction(packing, options.friction))):.9g}",
         gravity=rows_of_text(options.gravity * down(packing), [3])[0],
         fixed="block fix range group 'walls'" if container else "",
     ).encode()  # fmt: skip

@@ -18,7 +18,7 @@ from exporters.container import world_bounds
 from exporters.dem.bodies import bodies, parts, vertices_in
 from exporters.dem.options import WALLS, check_friction
 from exporters.dem.scene import check_word, height, walls
-from exporters.rest import down, frictions
+from exporters.rest import down, one_friction
 from exporters.text import rows_of_text
 from exporters.units import check_units, chosen_units, factors_of
 
@@ -191,7 +191,7 @@ def _script(packing: Packing, sizes: Bodies, scales: GrainUnits, options: YadeOp
         n_grains=len(packing),
         steps=round(options.duration * np.sqrt(d / options.gravity) / time_step),
         young=f"{young / scales.force * scales.length**3:.9g}",
-        friction_angle=f"{np.arctan(frictions(packing, options.friction)[0]):.9g}",
+        friction_angle=f"{np.arctan(one_friction(packing, options.friction)):.9g}",
         reach=f"{0.05 * d / scales.length:.9g}",
         damping=f"{options.damping:.9g}",
         gravity=rows_of_text(options.gravity / scales.acceleration * down(packing), [3])[0].replace(" ", ", "),

@@ -9,9 +9,10 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from exporters.container import GRAIN_COLOURS, container_box, plane_frames, world_bounds
+from exporters.mjcf.bouncing import BOUNCING_STEPS, DAMPED_STEPS, damping_of
 from exporters.mjcf.grains import PLAIN
 from exporters.mjcf.options import ITERATIONS, NOSLIP_AT_REST
-from exporters.rest import down, frictions, rest_of, rolling_friction, time_step
+from exporters.rest import down, rest_of, restitution, time_step
 from exporters.text import rows_of_text
 
 if TYPE_CHECKING:
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 
     from exporters.mjcf.grains import Bed
     from exporters.mjcf.options import MjcfOptions
+    from exporters.mjcf.surfaces import Surfaces
     from grainsdem.model import Domain
 
     Floats = NDArray[np.float64]
@@ -50,7 +52,7 @@ _DOCUMENT = Template("""\
   </visual>
   <statistic center="$centre" extent="$extent" meansize="$meansize"/>
   <default>
-    <geom solref="$solref 1" solimp="0.9 0.95 $width"/>
+    <geom solref="$solref $damping" solimp="0.9 0.95 $width"/>
     <default class="grain">
       <geom type="$shape" condim="$condim" friction="$friction"/>
     </default>
@@ -79,7 +81,7 @@ $include$keyframe</mujoco>
 _MATERIAL = '    <material name="%s" rgba="%g %g %g 1" specular="0.18" shininess="0.25"/>'
 _KEYFRAME = "  <keyframe>\n    <key name=%s/>\n  </keyframe>\n"
 _MARK = "\0"  # where the grains go: they are written a stretch at a time
-_WALL = '      <geom name="%s" class="wall" pos="%s" quat="%s" size="%s" material="%s"/>'
+_WALL = '      <geom name="%s" class="wall" pos="%s" quat="%s" size="%s" material="%s"%s/>'
 
 
 def around(bed: Bed, options: MjcfOptions, name: str, include: str = "") -> tuple[str, str, str]:
@@ -108,7 +110,7 @@ def around(bed: Bed, options: MjcfOptions, name: str, include: str = "") -> tupl
         **_picture(bounds[0], bounds[1], lower, bed.diameter),
         name=quoteattr(name),
         materials="\n".join([_MATERIAL % (name, *rgb) for name, rgb in materials.items()]),
-        container=_container(lower, drawn, options, packing.domain.scaled(1 / length), bed.diameter),
+        container=_container(lower, drawn, options, packing.domain.scaled(1 / length), bed),
         include=f"  <include file={quoteattr(include)}/>\n" if include else "",
         # Without numbers it is the state that the bodies are written in.
         keyframe=_KEYFRAME % quoteattr(options.keyframe) if options.keyframe else "",
@@ -126,10 +128,8 @@ def _settings(bed: Bed, options: MjcfOptions) -> dict[str, object]:
     gravity = options.gravity / scales.acceleration
     step = time_step(packing, options.time_step) * (1.0 if is_grain else np.sqrt(bed.diameter / gravity))
     box = np.stack([packing.domain.lower, packing.domain.upper]) / scales.length
-    friction, wall_friction = frictions(packing, options.friction, options.wall_friction)
-    # MuJoCo's coefficients of torsion and of rolling are lengths: those of the torques' arms.
-    arm = 0.5 * bed.diameter * rolling_friction(packing, options.rolling_friction)
-    rolling = f" {arm:.9g} {arm:.9g}" if arm > 0 else ""
+    bounce = restitution(packing, options.restitution)
+    contact_steps, damping = (DAMPED_STEPS, 1.0) if bounce is None else (BOUNCING_STEPS, damping_of(bounce))
     noslip = options.noslip_iterations
     if noslip is None:
         noslip = NOSLIP_AT_REST if rest_of(packing) is not None and options.solver == "PGS" else 0
@@ -153,15 +153,10 @@ def _settings(bed: Bed, options: MjcfOptions) -> dict[str, object]:
         "iterations": options.iterations or ITERATIONS[options.solver],
         "tolerance": f"{options.tolerance:.9g}",
         "noslip": noslip,
-        "solref": f"{2 * step:.9g}",  # the stiffest that the step can carry
+        "solref": f"{contact_steps * step / damping:.9g}",
+        "damping": f"{damping:.9g}",
         "width": f"{options.contact_width * bed.diameter:.9g}",
-        "friction": f"{friction:.9g}{rolling}",
-        "wall_friction": f"{wall_friction:.9g}{rolling}",
-        # One dimension: a contact without friction has no tangential rows to solve for. Six: it resists rolling too.
-        "condim": 6 if rolling else 3 if friction > 0 else 1,
-        "wall_condim": 6 if rolling else 3 if wall_friction > 0 else 1,
-        # MuJoCo takes the larger friction of a pair unless one has priority.
-        "priority": int(wall_friction != friction),
+        **bed.surfaces.defaults(),
     }
 
 
@@ -194,7 +189,7 @@ def _picture(lower: Floats, upper: Floats, floor: Floats, diameter: float) -> di
     return {**dict(zip(keys, texts, strict=True)), "extent": f"{extent:.9g}"}
 
 
-def _container(lower: Floats, upper: Floats, options: MjcfOptions, domain: Domain, diameter: float) -> str:
+def _container(lower: Floats, upper: Floats, options: MjcfOptions, domain: Domain, bed: Bed) -> str:
     """Return the static body of the floor and the walls; planes have no thickness that a grain could pass."""
     centre, half = (lower + upper) / 2, (upper - lower) / 2
     # Quaternions that turn a plane's z axis inward, with its x axis along the second size.
@@ -209,18 +204,28 @@ def _container(lower: Floats, upper: Floats, options: MjcfOptions, domain: Domai
     if domain.is_planar:  # the floor is the lower y wall, and nothing moves along z
         walls = [walls[3], walls[1], walls[2]]
     chosen = {"box": walls, "floor": walls[:1], "none": []}[options.walls]
-    lines = []
+    found: dict[str, Floats] = {}
     for name, axis, side, quaternion, (a, b) in chosen:
         place = centre.copy()
         place[axis] = (lower, upper)[side][axis]
-        numbers = [*_rounded(place, diameter), *quaternion, half[a], half[b], diameter]
-        at, turn, size = rows_of_text(np.array(numbers), [3, 4, 3])
-        lines.append(_WALL % (name, at, turn, size, "floor" if name == "floor" else "wall"))
+        numbers = [*_rounded(place, bed.diameter), *quaternion, half[a], half[b], bed.diameter]
+        found[name] = np.array(numbers)
     if options.walls == "box":
         for k, (point, rotation) in enumerate(zip(*plane_frames(domain), strict=True)):
             # Drawn a quarter of the box wide: contacts see planes without end.
-            numbers = [*_rounded(point, diameter), *rotation, half.max() / 4, half[2], diameter]
-            lines.append(_WALL % (f"wall_p{k}", *rows_of_text(np.array(numbers), [3, 4, 3]), "wall"))
+            numbers = [*_rounded(point, bed.diameter), *rotation, half.max() / 4, half[2], bed.diameter]
+            found[f"wall_p{k}"] = np.array(numbers)
+    return _walls(found, bed.surfaces)
+
+
+def _walls(found: dict[str, Floats], surfaces: Surfaces) -> str:
+    """Return the container of walls: place, rotation and size of each by name."""
+    surfaces.given.refuse_unknown(found)
+    lines = []
+    for name, numbers in found.items():
+        at, turn, size = rows_of_text(numbers, [3, 4, 3])
+        looks = "floor" if name == "floor" else "wall"
+        lines.append(_WALL % (name, at, turn, size, looks, surfaces.of_wall(name)))
     return "\n".join(['    <body name="container">', *lines, "    </body>"]) if lines else ""
 
 

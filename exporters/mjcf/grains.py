@@ -9,6 +9,7 @@ import numpy as np
 
 from exporters.check import grain_names, measured, refuse, stretches
 from exporters.container import GRAIN_COLOURS, colours_of, shades
+from exporters.mjcf.surfaces import surfaces
 from exporters.rest import rest_of
 from exporters.text import rows_of_text, table_of_text
 from exporters.units import chosen_units
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from exporters.mjcf.options import MjcfOptions
+    from exporters.mjcf.surfaces import Surfaces
     from exporters.units import GrainUnits
     from grainsdem.model import Packing
 
@@ -37,7 +39,7 @@ _PLANAR = (
 )
 _BODY = """\
     <body name="%s" pos="%s" quat="%s" childclass="grain">%s
-      <inertial pos="%s" quat="%s" mass="%s" diaginertia="%s"/><geom name="%s" %s %s/>
+      <inertial pos="%s" quat="%s" mass="%s" diaginertia="%s"/><geom name="%s" %s %s%s/>
     </body>"""
 
 
@@ -59,6 +61,8 @@ class Bed:
         Principal moments of inertia in the file's units, and the rotations to their axes.
     centres : ndarray, shape (n, 3)
         Centres of mass in the grains' frames, in the file's units.
+    surfaces : Surfaces
+        Friction of grains and walls.
     radii : ndarray, shape (n,), optional
         Radii in the file's units, where the grains are spheres.
     colours : ndarray, shape (n, 3), optional
@@ -72,6 +76,7 @@ class Bed:
     moments: Floats
     axes: Floats
     centres: Floats
+    surfaces: Surfaces
     radii: Floats | None = None
     colours: Floats | None = None
 
@@ -104,7 +109,8 @@ def measure(packing: Packing, options: MjcfOptions) -> Bed:
     centres = (integrals.centroids / (scales.length * diameter)).round(12) * diameter
     is_mineral = isinstance(options.colour, str) and options.colour == "mineral"
     colours = None if is_mineral else colours_of(packing, integrals.volumes, options.colour)
-    return Bed(packing, scales, diameter, masses, moments, axes, centres, radii, colours)
+    rough = surfaces(packing, options, diameter)
+    return Bed(packing, scales, diameter, masses, moments, axes, centres, rough, radii, colours)
 
 
 def _radii(packing: Packing, volumes: Floats) -> Floats:
@@ -168,6 +174,7 @@ def bodies(bed: Bed) -> Iterator[str]:
             names,
             _kinds(bed, names, first, last),
             looks[first:last],
+            bed.surfaces.of_grains(first, last),
             strict=True,
         )
         yield "".join([f"{_BODY}\n" % row for row in rows])

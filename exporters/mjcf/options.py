@@ -5,12 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
-from exporters.check import check_choice, check_positive
+from exporters.check import check_choice, check_positive, checked_coefficients
 from exporters.container import check_colour
+from exporters.mjcf.bouncing import LEAST, MOST
 from exporters.units import check_units
 from grainsdem.errors import InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from exporters.container import Colour
     from exporters.units import Units
 
@@ -28,15 +31,27 @@ class MjcfOptions:
     Parameters
     ----------
     friction : float, optional
-        Coefficient of friction among grains [1]; that which the bed came to rest with by default, else 0.5.
-    wall_friction : float, optional
-        Coefficient of friction between grains and walls [1]; that of the grains by default, or with theirs that which
-        the bed came to rest with.
+        Coefficient of friction among all grains [1]. By default as the bed came to rest; else each grain's own
+        (`Packing.frictions`), or 0.5 where there are none.
+    wall_friction : float, mapping or str, optional
+        Coefficient of friction between grains and walls [1], or those of some walls by name, as in
+        ``{"floor": 0.6, "wall_x0": 0}`` or ``"floor=0.6,wall_x0=0"``. Without it, and of walls that are not named, as
+        among grains; or by default, with that of the grains, as the bed came to rest. Walls are ``floor``, ``wall_x0``,
+        ``wall_x1``, ``wall_y0``, ``wall_y1`` and, of a domain with planes, ``wall_p0`` and so on; a planar bed has
+        ``wall_y0`` for its floor, ``wall_x0`` and ``wall_x1``.
+    mixing : {"max", "min"}, optional
+        Which of two grains with frictions of their own rules where they touch: the rougher or the smoother. MuJoCo has
+        no mean of the two. As the bed came to rest by default, else the rougher.
     rolling_friction : float, optional
         Coefficient of rolling friction [1]: a contact resists rolling, and spinning about its normal, by torques of at
         most this times half the median diameter times the normal force. A sphere of that diameter rolls down a slope
         steeper than its arctangent. That which the bed came to rest with by default, else none; with it contacts have
         six dimensions instead of three, and steps take several times as long.
+    restitution : float, optional
+        Speed of a grain after a bounce over that before it [1], 0.3 to 0.95, for all contacts: a sphere bounces to its
+        square of the height that it falls from. Contacts are then as stiff as those of twice the time step, and overlap
+        four times as deeply. As the bed came to rest by default, else contacts are damped until they hardly bounce:
+        0.1, more or less by as much.
     gravity : float
         Acceleration [m/s²]; it is one in grain units.
     time_step : float, optional
@@ -85,8 +100,10 @@ class MjcfOptions:
     """
 
     friction: float | None = None
-    wall_friction: float | None = None
+    wall_friction: float | Mapping[str, float] | None = None
+    mixing: Literal["max", "min"] | None = None
     rolling_friction: float | None = None
+    restitution: float | None = None
     gravity: float = 9.81
     time_step: float | None = None
     solver: Literal["PGS", "CG", "Newton"] = "PGS"
@@ -108,14 +125,22 @@ class MjcfOptions:
         for name in ("gravity", "impratio", "contact_width"):
             check_positive(name, getattr(self, name))
         check_positive("tolerance", self.tolerance, or_zero=True)
-        for name in ("friction", "wall_friction", "rolling_friction", "noslip_iterations"):
+        object.__setattr__(self, "wall_friction", checked_coefficients("wall_friction", self.wall_friction))
+        for name in ("friction", "rolling_friction", "noslip_iterations"):
             if getattr(self, name) is not None:
                 check_positive(name, getattr(self, name), or_zero=True)
+        if self.restitution is not None and not LEAST <= self.restitution <= MOST:
+            raise InputError(
+                f"restitution must be {LEAST:g} to {MOST:g}, or left out for contacts that hardly bounce; "
+                f"got {self.restitution!r}"
+            )
         for name in ("time_step", "iterations", "memory"):
             if getattr(self, name) is not None:
                 check_positive(name, getattr(self, name))
         check_choice("solver", self.solver, ITERATIONS)
         check_choice("walls", self.walls, ("box", "floor", "none"))
+        if self.mixing is not None:
+            check_choice("mixing", self.mixing, ("max", "min"))
         if self.shapes is not None:
             check_choice("shapes", self.shapes, ("hulls", "spheres"))
         check_units(self.units)

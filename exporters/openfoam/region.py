@@ -119,6 +119,7 @@ def gather(packing: Packing, region: Region, reach: float) -> Packing:
         packing.densities[chosen],
         around,
         provenance=packing.provenance,
+        frictions=packing.frictions_of(chosen),
     )
 
 

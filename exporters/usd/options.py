@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
-from exporters.check import check_choice, check_positive
+from exporters.check import check_choice, check_positive, checked_coefficients
 from exporters.container import check_colour
 from exporters.units import check_units
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from exporters.container import Colour
     from exporters.units import Units
 
@@ -21,12 +23,14 @@ class UsdOptions:
     Parameters
     ----------
     friction : float, optional
-        Static and dynamic friction of the grains [1]; that which the bed came to rest with by default, else 0.5.
-    wall_friction : float, optional
-        Friction of the walls [1]; that of the grains by default, or with theirs that of the bed at rest. Programs
+        Static and dynamic friction of the grains [1]; that which the bed came to rest with by default, else 0.5. Where
+        grains have their own, one material has the mean, and a warning says so.
+    wall_friction : float, mapping or str, optional
+        Friction of the walls [1], or of some by name, each then with a material of its own; see
+        `exporters.mjcf.MjcfOptions`. That of the grains by default, or with theirs that of the bed at rest. Programs
         average the two of a pair unless told.
-    restitution : float
-        Coefficient of restitution [1], 0 to 1.
+    restitution : float, optional
+        Coefficient of restitution [1], 0 to 1; that which the bed came to rest with by default, else none.
     gravity : float
         Magnitude of gravity [m/s²].
     contact_gap : float
@@ -51,8 +55,8 @@ class UsdOptions:
     """
 
     friction: float | None = None
-    wall_friction: float | None = None
-    restitution: float = 0.0
+    wall_friction: float | Mapping[str, float] | None = None
+    restitution: float | None = None
     gravity: float = 9.81
     contact_gap: float = 0.01
     walls: Literal["box", "floor", "none"] = "box"
@@ -61,10 +65,9 @@ class UsdOptions:
     hulls: Literal["any", "physx"] = "any"
 
     def __post_init__(self) -> None:
-        for name in ("restitution", "gravity", "contact_gap"):
-            check_positive(name, getattr(self, name), or_zero=True)
-        for name in ("friction", "wall_friction"):
-            if getattr(self, name) is not None:
+        object.__setattr__(self, "wall_friction", checked_coefficients("wall_friction", self.wall_friction))
+        for name in ("friction", "restitution", "gravity", "contact_gap"):
+            if name in {"gravity", "contact_gap"} or getattr(self, name) is not None:
                 check_positive(name, getattr(self, name), or_zero=True)
         check_choice("walls", self.walls, ("box", "floor", "none"))
         check_choice("hulls", self.hulls, ("any", "physx"))

@@ -9,7 +9,7 @@ import numpy as np
 
 from exporters.check import grain_names, shapes_of
 from exporters.container import container_box, plane_frames, world_bounds
-from exporters.rest import down, frictions
+from exporters.rest import down, frictions, one_friction, restitution
 from exporters.usd.prims import Attribute, Column, Many, Prim
 from grainsdem.geometry.integrals import face_planes
 from grainsdem.geometry.principal import principal_inertia
@@ -17,6 +17,7 @@ from grainsdem.geometry.principal import principal_inertia
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from exporters.rest import Frictions
     from exporters.units import GrainUnits
     from exporters.usd.options import UsdOptions
     from grainsdem.geometry.integrals import Integrals
@@ -86,6 +87,11 @@ class Bed:
         """Distance at which Newton begins to look at a pair, in the stage's units."""
         return self.options.contact_gap * self.diameter
 
+    @property
+    def frictions(self) -> Frictions:
+        """What friction grains and walls have."""
+        return frictions(self.packing, self.options.friction, self.options.wall_friction)
+
 
 def world(bed: Bed) -> Prim:
     """Return the prim that holds all, ``/World``."""
@@ -116,18 +122,27 @@ def _materials(bed: Bed) -> Prim:
     """Return what grains and walls are made of; the mass that each body has goes before the mean density."""
     options, volumes = bed.options, bed.integrals.volumes
     density = float(volumes @ bed.packing.densities / volumes.sum()) / bed.scales.density
-    friction_of_grains, wall_friction = frictions(bed.packing, options.friction, options.wall_friction)
+    grains, given = one_friction(bed.packing, options.friction), bed.frictions
+    bounce = restitution(bed.packing, options.restitution) or 0.0
+    kinds = {"Grain": grains, "Wall": grains if given.walls is None else given.walls}
+    kinds |= {_material(wall): friction for wall, friction in given.by_wall.items()}
+    if bed.packing.domain.is_planar:
+        kinds["Side"] = 0.0
     materials = [
         Prim(name=name, kind="Material", schemas=("PhysicsMaterialAPI",), attributes={
             "physics:staticFriction": Attribute("float", friction),
             "physics:dynamicFriction": Attribute("float", friction),
-            "physics:restitution": Attribute("float", options.restitution),
+            "physics:restitution": Attribute("float", bounce),
             "physics:density": Attribute("float", density),
         })
-        for name, friction in (("Grain", friction_of_grains), ("Wall", wall_friction), ("Side", 0.0))
-        if name != "Side" or bed.packing.domain.is_planar
+        for name, friction in kinds.items()
     ]  # fmt: skip
     return Prim(name="Materials", kind="Scope", children=tuple(materials))
+
+
+def _material(wall: str) -> str:
+    """Return the name of the material of a wall that has friction of its own."""
+    return "".join(part.capitalize() for part in wall.split("_"))
 
 
 def _container(bed: Bed) -> list[Prim]:
@@ -139,7 +154,7 @@ def _container(bed: Bed) -> list[Prim]:
     # No joint of USD holds a body in a plane: two smooth walls do.
     names = ["y0", "x0", "x1", "z0", "z1"] if domain.is_planar else ["z0", "x0", "x1", "y0", "y1"]
     chosen = {"box": names, "floor": names[:1], "none": []}[options.walls]
-    walls = []
+    walls, known, made_of = [], [], bed.frictions
     for name in chosen:
         axis, at_upper = axis_of[name[0]], name[1] == "1"
         # Wider by its own thickness, so that the edges of the container are closed.
@@ -152,13 +167,19 @@ def _container(bed: Bed) -> list[Prim]:
         box = (centre, size, (1.0, 0.0, 0.0, 0.0))
         is_side = domain.is_planar and axis == 2
         look = ("floor", 1.0) if is_floor else (f"wall_{name}", 0.02 if is_side else 0.12)
-        walls.append(_wall(*look, box, gap, "Side" if is_side else "Wall"))
+        # As files for MuJoCo name them; the two that hold a plane have no friction ever.
+        known += [] if is_side else ["floor" if name == "z0" else f"wall_{name}"]
+        kind = "Side" if is_side else _material(known[-1]) if known[-1] in made_of.by_wall else "Wall"
+        walls.append(_wall(*look, box, gap, kind))
     if options.walls == "box":
         reach = float(np.linalg.norm(upper - lower)) + 2 * thick
         for k, (point, rotation) in enumerate(zip(*plane_frames(domain), strict=True)):
             outward = domain.planes[k, :3]
             box = (point + outward * thick / 2, np.array([reach, reach, thick]), rotation)
-            walls.append(_wall(f"wall_p{k}", 0.02, box, gap))
+            known.append(f"wall_p{k}")
+            kind = _material(known[-1]) if known[-1] in made_of.by_wall else "Wall"
+            walls.append(_wall(known[-1], 0.02, box, gap, kind))
+    made_of.refuse_unknown(known)
     return walls
 
 

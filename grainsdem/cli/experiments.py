@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_origin
 
@@ -117,6 +117,8 @@ def _annotation(told: Told) -> Any:
         if get_origin(part) is Sequence:
             [item] = get_args(part)
             kind, words = list[item] | None, f"{words} May be repeated."  # type: ignore[valid-type]
+        elif get_origin(part) is Mapping:  # as one text, which the option's type reads
+            kind = str | None
     return Annotated[kind, typer.Option(*flags, help=words)]
 
 

@@ -14,13 +14,13 @@ from grainsdem.cli.options import (
     Quiet,
     Rng,
     app,
-    densities,
     err,
     guarded,
     load,
     out,
     prepare,
     print_json,
+    shares,
     telling,
 )
 
@@ -40,13 +40,31 @@ def settle(
     spheres: Annotated[
         bool, typer.Option("--spheres", help="Replace each grain by the sphere of equal volume.")
     ] = False,
-    friction: Annotated[float, typer.Option(help="Coefficient of friction among grains.")] = 0.5,
-    wall_friction: Annotated[
-        float | None, typer.Option(help="The same with the walls; by default as among grains.")
+    friction: Annotated[
+        str | None,
+        typer.Option(
+            help="Coefficient of friction among grains, or several and their shares: 0.3:0.5,0.6:0.5. By default the "
+            "grains' own, or 0.5 where there are none."
+        ),
     ] = None,
+    wall_friction: Annotated[
+        str | None,
+        typer.Option(
+            help="The same with the walls, or with some of them: floor=0.6,wall_x0=0. By default, and of walls that "
+            "are not named, as among grains."
+        ),
+    ] = None,
+    mixing: Annotated[
+        Literal["max", "min"],
+        typer.Option(help="Whether the rougher or the smoother of two grains rules their contact."),
+    ] = "max",
     rolling_friction: Annotated[
         float, typer.Option(help="Coefficient of rolling friction; steps take longer with one.")
     ] = 0.0,
+    restitution: Annotated[
+        float | None,
+        typer.Option(help="Speed of a grain after a bounce over that before it; by default grains hardly bounce."),
+    ] = None,
     gravity: Annotated[float, typer.Option(help="Acceleration [m/s²].")] = 9.81,
     direction: Annotated[
         tuple[float, float, float] | None, typer.Option(help="Where gravity points; by default straight down.")
@@ -70,6 +88,7 @@ def settle(
     quiet: Quiet = False,
 ) -> None:
     """Let grains fall under gravity in their container until they are at rest (MuJoCo)."""
+    from exporters.check import checked_coefficients
     from grainsdem import storage
     from grainsdem.recipe import keeping_last_good, settling_words
     from grainsdem.screen import ChainProgress, print_settling
@@ -87,12 +106,14 @@ def settle(
             packing,
             start=start,
             spheres=spheres,
-            friction=friction,
-            wall_friction=wall_friction,
+            friction=shares("friction", friction),
+            wall_friction=checked_coefficients("wall_friction", wall_friction),
+            mixing=mixing,
             rolling_friction=rolling_friction,
+            restitution=restitution,
             gravity=gravity,
             direction=direction,
-            density=densities(density),
+            density=shares("density", density),
             rng=rng,
             time_step=time_step,
             max_time=max_time,

@@ -149,7 +149,7 @@ def keyed(items: list[str]) -> dict[str, Any]:
     return found
 
 
-def densities(text: str | None) -> float | dict[float, float] | None:
+def shares(name: str, text: str | None) -> float | dict[float, float] | None:
     """Return what texts such as ``2650`` or ``2650:0.9,5200:0.1`` say."""
     if text is None:
         return None
@@ -158,9 +158,8 @@ def densities(text: str | None) -> float | dict[float, float] | None:
             return float(text)
         return {float(kind): float(share) for kind, share in (item.split(":") for item in text.split(","))}
     except ValueError:
-        raise InputError(
-            f"a density is a number, or numbers and their shares as 2650:0.9,5200:0.1; got {text!r}"
-        ) from None
+        example = {"density": "2650:0.9,5200:0.1"}.get(name, "0.3:0.5,0.6:0.5")
+        raise InputError(f"{name} is a number, or numbers and their shares as {example}; got {text!r}") from None
 
 
 def show_summary(

@@ -38,6 +38,7 @@ from grainsdem.dynamics.experiments import (
 )
 from grainsdem.dynamics.loop import Progress
 from grainsdem.dynamics.settle import Settled, SettleReport, settle
+from grainsdem.dynamics.starting import with_densities, with_frictions
 
 __all__ = [
     "CollapseReport",
@@ -67,4 +68,6 @@ __all__ = [
     "tap",
     "tilt",
     "triaxial",
+    "with_densities",
+    "with_frictions",
 ]

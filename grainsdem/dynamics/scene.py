@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from exporters import mjcf
-from exporters.rest import Rest, frictions, resting, rolling_friction
+from exporters.rest import Rest, frictions, mixing, resting, restitution, rolling_friction
 from grainsdem.dynamics.budget import estimate, refuse_memory
 from grainsdem.dynamics.engine import Apparatus, load
 from grainsdem.dynamics.engine.lockstep import joined
@@ -112,11 +112,23 @@ class Scene:
         options : MjcfOptions
             Those that the scene was made with.
         """
-        friction, wall_friction = frictions(self.source, options.friction, options.wall_friction)
+        made_of = replace(self.source, provenance=())  # as the model was: `equip`
+        given = frictions(made_of, options.friction, options.wall_friction)
+        friction = given.grains if given.own is None else None
         gravity = self.engine.gravity
         x, y, z = (gravity / np.linalg.norm(gravity)).tolist()
-        rolling = rolling_friction(self.source, options.rolling_friction)
-        return resting(Rest(self.engine.time_step, friction, wall_friction, (x, y, z), self.are_spheres, rolling))
+        return resting(
+            Rest(
+                self.engine.time_step,
+                friction,
+                given.by_wall or (friction if given.walls is None else given.walls),
+                (x, y, z),
+                self.are_spheres,
+                rolling_friction(made_of, options.rolling_friction),
+                mixing(made_of, options.mixing),
+                restitution(made_of, options.restitution),
+            )
+        )
 
     def time(self) -> float:
         """Return the simulated time."""

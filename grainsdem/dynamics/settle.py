@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -19,12 +20,12 @@ from grainsdem.errors import InputError
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable
 
     from numpy.typing import ArrayLike, NDArray
 
     from grainsdem.dynamics.scene import Scene
-    from grainsdem.dynamics.starting import Start
+    from grainsdem.dynamics.starting import PerGrain, Start
     from grainsdem.model import ContactGraph, Packing
 
     Floats = NDArray[np.float64]
@@ -136,12 +137,14 @@ def settle(
     *,
     start: Start = "place",
     spheres: bool = False,
-    friction: float = 0.5,
-    wall_friction: float | None = None,
+    friction: PerGrain | None = None,
+    wall_friction: float | Mapping[str, float] | None = None,
+    mixing: Literal["max", "min"] = "max",
     rolling_friction: float = 0.0,
+    restitution: float | None = None,
     gravity: float = 9.81,
     direction: ArrayLike | None = None,
-    density: float | Mapping[float, float] | Callable[[Floats], ArrayLike] | None = None,
+    density: PerGrain | None = None,
     rng: np.random.Generator | int | None = None,
     time_step: float = 0.01,
     max_time: float = 200.0,
@@ -163,12 +166,20 @@ def settle(
         layer.
     spheres : bool
         Whether each grain is replaced by the sphere of equal volume; they must be poured or rained.
-    friction : float
-        Coefficient of friction among grains [1].
-    wall_friction : float, optional
-        Coefficient of friction with the walls [1]; that of the grains by default.
+    friction : float, mapping or callable, optional
+        Coefficient of friction [1] among all grains in this run. Or several of the grains' own, which they keep
+        (`Packing.frictions`): shares by number drawn at random, as in ``{0.3: 0.5, 0.6: 0.5}``, or a function of the
+        diameters [m]. By default each grain has its own, or 0.5 where there are none.
+    wall_friction : float or mapping, optional
+        Coefficient of friction with the walls [1], or those of some walls by name, as in ``{"floor": 0.6}``; see
+        `exporters.mjcf.MjcfOptions`. By default, and of walls that are not named, as among grains.
+    mixing : {"max", "min"}
+        Whether the rougher or the smoother of two grains with frictions of their own rules where they touch.
     rolling_friction : float
         Coefficient of rolling friction [1]; see `exporters.mjcf.MjcfOptions`.
+    restitution : float, optional
+        Speed of a grain after a bounce over that before it [1], 0.3 to 0.95; see `exporters.mjcf.MjcfOptions`. By
+        default grains hardly bounce.
     gravity : float
         Acceleration [m/s²].
     direction : array_like, shape (3,), optional
@@ -215,11 +226,13 @@ def settle(
     """
     if not max_time > 0:
         raise InputError(f"max_time must be positive; got {max_time}")
+    # A number is for this run; more than one are the grains' own from now on.
+    own, number = (friction, None) if isinstance(friction, Mapping) or callable(friction) else (None, friction)
     options = MjcfOptions(
-        friction=friction, wall_friction=wall_friction, rolling_friction=rolling_friction, gravity=gravity,
-        time_step=time_step,
+        friction=number, wall_friction=wall_friction, mixing=mixing, rolling_friction=rolling_friction,
+        restitution=restitution, gravity=gravity, time_step=time_step,
     )  # fmt: skip
-    first = begin(packing, start=start, spheres=spheres, density=density, rng=rng)
+    first = begin(packing, start=start, spheres=spheres, density=density, friction=own, rng=rng)
     allow(settling_budget(first, time_step=time_step, max_time=max_time), max_hours=max_hours)
     apparatus = equip(first, options, are_spheres=spheres)
     if direction is not None:
@@ -234,9 +247,11 @@ def settle(
         "settle",
         start=start,
         spheres=spheres,
-        friction=friction,
-        wall_friction=wall_friction,
+        friction=number,
+        wall_friction=options.wall_friction,
+        mixing=mixing,
         rolling_friction=rolling_friction,
+        restitution=restitution,
         gravity=gravity,
         direction=None if direction is None else scene.engine.gravity.tolist(),
         time_step=time_step,

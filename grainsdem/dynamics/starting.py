@@ -1,10 +1,10 @@
-"""How a run begins: grains where they stand, poured or rained, of other densities, or as spheres of equal volume."""
+"""How a run begins: grains where they stand, poured or rained, of other materials, or as spheres of equal volume."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from grainsdem.model import Packing
 
     Floats = NDArray[np.float64]
+
+    PerGrain: TypeAlias = float | Mapping[float, float] | Callable[[Floats], ArrayLike]
 
 Start = Literal["place", "pour", "rain"]
 """``place``: where the grains stand, a jigsaw denser than any random pack. ``pour``: rotated, reordered, lifted apart,
@@ -46,7 +48,8 @@ def begin(
     *,
     start: Start = "place",
     spheres: bool = False,
-    density: float | Mapping[float, float] | Callable[[Floats], ArrayLike] | None = None,
+    density: PerGrain | None = None,
+    friction: PerGrain | None = None,
     rng: np.random.Generator | int | None = None,
 ) -> Packing:
     """Return the grains as a run is to begin with them.
@@ -62,6 +65,8 @@ def begin(
     density : float, mapping or callable, optional
         A density [kg/m³] for all; a mapping from densities to their shares by number, drawn at random; or a function of
         the diameters [m], shape (n,). Each grain's own by default.
+    friction : float, mapping or callable, optional
+        The same for coefficients of friction [1] of the grains' own.
     rng : numpy.random.Generator, int or None
         Source of randomness, or a seed for one.
     """
@@ -73,7 +78,9 @@ def begin(
         packing = shuffle(packing, rng=generator, clearance=_CLEARANCE)
         packing = _nudged(packing, generator) if spheres else packing
     if density is not None:
-        packing = replace(packing, densities=_densities(packing, density, generator)).with_step("densities")
+        packing = with_densities(packing, density, rng=generator)
+    if friction is not None:
+        packing = with_frictions(packing, friction, rng=generator)
     return _lifted(packing) if start == "rain" else packing
 
 
@@ -127,25 +134,68 @@ def as_spheres(packing: Packing) -> Packing:
     return replace(packing, grains=shapes, links=None).with_step("as_spheres")
 
 
-def _densities(
-    packing: Packing,
-    density: float | Mapping[float, float] | Callable[[Floats], ArrayLike],
-    generator: np.random.Generator,
-) -> Floats:
+def with_frictions(
+    packing: Packing, friction: PerGrain | None, *, rng: np.random.Generator | int | None = None
+) -> Packing:
+    """Return the packing with coefficients of friction of the grains' own.
+
+    Where two grains touch, one rules: the rougher, or the smoother with ``mixing="min"``.
+
+    Parameters
+    ----------
+    packing : Packing
+        The grains.
+    friction : float, mapping or callable, or None
+        A coefficient [1] for each; a mapping from coefficients to their shares by number, drawn at random; or a
+        function of the diameters [m], shape (n,). None takes away those that grains have.
+    rng : numpy.random.Generator, int or None
+        Source of randomness, or a seed for one.
+
+    Raises
+    ------
+    InputError
+        If a coefficient or a share is below zero or not finite.
+
+    Examples
+    --------
+    Two materials, half of the grains of each: ``with_frictions(packing, {0.3: 0.5, 0.6: 0.5}, rng=1)``.
+    """
+    values = None
+    if friction is not None:
+        values = _each(packing, friction, np.random.default_rng(rng), "frictions")
+        _refuse(~(np.isfinite(values) & (values >= 0)), "frictions must be zero or more and finite")
+    return replace(packing, frictions=values).with_step("frictions")
+
+
+def with_densities(packing: Packing, density: PerGrain, *, rng: np.random.Generator | int | None = None) -> Packing:
+    """Return the packing with other densities [kg/m³], given as in `with_frictions`.
+
+    Raises
+    ------
+    InputError
+        If a density is not positive and finite, or a share below zero.
+    """
+    values = _each(packing, density, np.random.default_rng(rng), "densities")
+    _refuse(~(np.isfinite(values) & (values > 0)), "densities must be positive and finite")
+    return replace(packing, densities=values).with_step("densities")
+
+
+def _each(packing: Packing, given: PerGrain, generator: np.random.Generator, what: str) -> Floats:
+    """Return a number for each grain: one for all, drawn by shares, or by its diameter."""
     n = len(packing)
-    if isinstance(density, Mapping):
-        kinds, shares = np.array(list(density), float), np.array(list(density.values()), float)
+    if isinstance(given, Mapping):
+        kinds, shares = np.array(list(given), float), np.array(list(given.values()), float)
         if not (shares.size and (shares >= 0).all() and shares.sum() > 0):
-            raise InputError(f"shares of densities must be zero or more, and one above it; got {dict(density)}")
-        values = generator.choice(kinds, n, p=shares / shares.sum())
-    elif callable(density):
-        values = np.broadcast_to(np.asarray(density(diameters(packing.grains)), float), n)
-    else:
-        values = np.full(n, float(density))
-    bad = np.flatnonzero(~(np.isfinite(values) & (values > 0)))
-    if bad.size:
-        raise InputError(f"densities must be positive and finite; those of grains {name_offenders(bad)} are not")
-    return values
+            raise InputError(f"shares of {what} must be zero or more, and one above it; got {dict(given)}")
+        return np.asarray(generator.choice(kinds, n, p=shares / shares.sum()))
+    if callable(given):
+        return np.broadcast_to(np.asarray(given(diameters(packing.grains)), float), n)
+    return np.full(n, float(given))
+
+
+def _refuse(bad: NDArray[np.bool_], rule: str) -> None:
+    if bad.any():
+        raise InputError(f"{rule}; those of grains {name_offenders(np.flatnonzero(bad))} are not")
 
 
 def _nudged(packing: Packing, generator: np.random.Generator) -> Packing:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from grainsdem.errors import ShapeError
+from grainsdem.errors import ShapeError, name_offenders
 from grainsdem.model.arrays import Noun
 
 if TYPE_CHECKING:
@@ -100,6 +100,8 @@ class Packing(Noun):
         Neighbours in the tessellation, while they are still meaningful.
     provenance : tuple of str
         What made it: one JSON object a step, oldest first.
+    frictions : array_like, shape (n,), optional
+        Coefficient of friction [1] of each grain, zero or more; without it all have that of the run that they are in.
     """
 
     grains: Polyhedra
@@ -109,12 +111,18 @@ class Packing(Noun):
     domain: Domain
     links: CellLinks | None = None
     provenance: tuple[str, ...] = ()
+    frictions: Floats | None = None
 
     def __post_init__(self) -> None:
         n = len(self.grains)
         self.freeze("positions", np.float64, n, 3)
         self.freeze("quaternions", np.float64, n, 4)
         self.freeze("densities", np.float64, n)
+        if self.frictions is not None:
+            own = self.freeze("frictions", np.float64, n)
+            bad = np.flatnonzero(~(np.isfinite(own) & (own >= 0)))
+            if bad.size:
+                raise ShapeError(f"frictions must be finite and zero or more; not so: {name_offenders(bad)}")
         object.__setattr__(self, "provenance", tuple(self.provenance))
         if self.links is not None:
             if self.links.neighbors.size != self.grains.n_faces:
@@ -126,6 +134,10 @@ class Packing(Noun):
 
     def __len__(self) -> int:
         return len(self.grains)
+
+    def frictions_of(self, rows: NDArray[np.integer[Any]] | slice) -> Floats | None:
+        """Return the coefficients of friction of some grains, or None where grains have none of their own."""
+        return None if self.frictions is None else self.frictions[rows]
 
     def with_step(self, step: str, **options: Any) -> Packing:
         """Return the same packing with one more step in its provenance; options must be JSON values."""

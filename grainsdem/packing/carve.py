@@ -157,6 +157,7 @@ def subset(packing: Packing, rows: ArrayLike) -> Packing:
         positions=packing.positions[ids],
         quaternions=packing.quaternions[ids],
         densities=packing.densities[ids],
+        frictions=packing.frictions_of(ids),
         links=None,
     )
 

@@ -78,6 +78,7 @@ def shuffle(packing: Packing, *, rng: np.random.Generator | int | None = None, c
         positions=positions,
         quaternions=turned / np.linalg.norm(turned, axis=1, keepdims=True),
         densities=packing.densities[order],
+        frictions=packing.frictions_of(order),
         domain=Domain(domain.lower, upper, is_planar=domain.is_planar, planes=domain.planes),
         links=None,
     ).with_step("shuffle", clearance=clearance)

@@ -6,10 +6,13 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
+from exporters.mjcf.bouncing import LEAST, MOST
+from grainsdem.options import ByName
 from grainsdem.recipe.base import Coefficient, Positive, Table
 
 Direction = tuple[float, float, float]
 Shares = Annotated[dict[Positive, Coefficient], Field(min_length=1)]
+Frictions = Annotated[dict[Coefficient, Coefficient], Field(min_length=1)]
 
 
 class SettleTable(Table):
@@ -21,12 +24,18 @@ class SettleTable(Table):
         Whether grains are rotated, reordered and poured, or rained layer by layer; or settle in place, into a jigsaw.
     spheres : bool
         Whether each grain is replaced by the sphere of equal volume.
-    friction : float
-        Coefficient of friction among grains.
-    wall_friction : float, optional
-        Coefficient of friction with the walls; that of the grains by default.
+    friction : float or table, optional
+        Coefficient of friction among grains, or coefficients of their own and their shares by number, as in
+        ``{"0.3" = 0.5, "0.6" = 0.5}``; by default the grains' own, or 0.5 where there are none.
+    wall_friction : float or table, optional
+        Coefficient of friction with the walls, or with some of them by name, as in ``{floor = 0.6, wall_x0 = 0}``; by
+        default, and of walls that are not named, as among grains.
+    mixing : {"max", "min"}
+        Whether the rougher or the smoother of two grains with frictions of their own rules their contact.
     rolling_friction : float
         Coefficient of rolling friction.
+    restitution : float, optional
+        Speed of a grain after a bounce over that before it; by default grains hardly bounce.
     gravity : float
         Acceleration [m/s²].
     direction : list of three floats, optional
@@ -46,9 +55,11 @@ class SettleTable(Table):
 
     start: Literal["pour", "rain", "place"] = "pour"
     spheres: bool = False
-    friction: Coefficient = 0.5
-    wall_friction: Coefficient | None = None
+    friction: Coefficient | Frictions | None = None
+    wall_friction: ByName = None
+    mixing: Literal["max", "min"] = "max"
     rolling_friction: Coefficient = 0.0
+    restitution: Annotated[float, Field(ge=LEAST, le=MOST)] | None = None
     gravity: Positive = 9.81
     direction: Direction | None = None
     density: Positive | Shares | None = None

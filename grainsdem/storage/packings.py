@@ -106,6 +106,8 @@ def _arrays(packing: Packing) -> dict[str, NDArray[Any]]:
         "quaternions": packing.quaternions,
         "densities": packing.densities,
     }
+    if packing.frictions is not None:
+        result["frictions"] = packing.frictions
     if links is not None:
         known = {name: getattr(links, name) for name in _LINKS}
         result |= {f"links/{name}": array for name, array in known.items() if array is not None}
@@ -131,6 +133,8 @@ def read_packing(file: h5py.Group) -> Packing:
         Domain(lower, upper, periodic, is_planar=bool(file["domain"].attrs["is_planar"]), planes=planes),
         links,
         tuple(json.loads(to_text(file.attrs["provenance"]))),
+        # Most packings have none, and files of before never have.
+        read_dataset(file, "frictions") if "frictions" in file else None,
     )
 
 

@@ -99,6 +99,7 @@ def take(packing: Packing, rows: NDArray[np.int64]) -> Packing:
         packing.quaternions[rows],
         packing.densities[rows],
         packing.domain,
+        frictions=packing.frictions_of(rows),
     )
 
 

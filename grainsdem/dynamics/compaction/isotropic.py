@@ -144,7 +144,7 @@ def compact(
         float | None,
         option("Share of void between the walls at which they stop, whatever pressure is left then.", gt=0, lt=1),
     ] = None,
-    friction: Friction = 0.5,
+    friction: Friction = None,
     compaction_friction: CompactionFriction = None,
     max_time: Annotated[float, option("Time limit.", "d √(ρ/P)", gt=0)] = 200.0,
     **run: Unpack[Run],
@@ -178,7 +178,7 @@ def compact(
     options = options_of(run, friction=friction, gravity=pressure_gravity(first, pressure), walls="none")
     cell = SixWalls(first, units(first, options.gravity))
     scene = assemble(first, options, cell.furnish, spheres=run["spheres"])
-    found = _Compact(scene, cell, (compaction_friction, friction), porosity, max_time)
+    found = _Compact(scene, cell, compaction_friction, porosity, max_time)
     if porosity is not None and (least := found.measure().porosity) < porosity:
         raise InputError(f"porosity must be below that of the start, {least:.4f}; got {porosity}")
     return found
@@ -201,7 +201,7 @@ class _Compact(Trial[CompactReport]):
         self,
         scene: Scene,
         cell: SixWalls,
-        frictions: tuple[float | None, float],
+        compaction_friction: float | None,
         target: float | None,
         max_time: float,
     ) -> None:
@@ -211,7 +211,7 @@ class _Compact(Trial[CompactReport]):
         """When [t] the bed was compressed."""
         self.aim: list[float] | None = None
         """Sides [d] that leave the porosity that was asked for, once walls are as near."""
-        self._frictions = frictions
+        self._compaction_friction = compaction_friction
         self._volume = float(volumes(scene.source.grains).sum()) / scene.units.length**3
         self._enter()
 
@@ -327,7 +327,6 @@ class _Compact(Trial[CompactReport]):
 
     def _enter(self) -> None:
         """Give the grains the friction and the drag of the present stage."""
-        compaction, after = self._frictions
         is_first = self.begun is None
-        self.scene.engine.set_friction(compaction if is_first and compaction is not None else after)
+        self.scene.engine.set_friction(self._compaction_friction if is_first else None)
         self.scene.engine.set_drag(0.0 if is_first else DRAG)

@@ -141,7 +141,7 @@ def tap(
     acceleration: Annotated[
         float, option("Its greatest acceleration over gravity; grains leave the floor above one.", gt=0)
     ] = 3.0,
-    friction: Friction = 0.5,
+    friction: Friction = None,
     wall_friction: WallFriction = None,
     gravity: Gravity = 9.81,
     **run: Unpack[Run],

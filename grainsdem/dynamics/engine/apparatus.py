@@ -39,6 +39,8 @@ class Apparatus:
         self._root = ET.fromstring(text)  # noqa: S314  (our own exporter's text)
         self._world = _find(self._root, "worldbody")
         self._grains = {body.attrib["name"]: body for body in self._world.findall("body") if _is_grain(body)}
+        priorities = [int(_find(body, "geom").get("priority", "0")) for body in self._grains.values()]
+        self._above_grains = 1 + max(priorities, default=0)
         for kind in _find(self._root, "default").findall("default"):
             if kind.get("class") == "grain":
                 _find(kind, "geom").set("conaffinity", _LOOSE)
@@ -111,24 +113,27 @@ class Apparatus:
         *,
         position: ArrayLike = (0.0, 0.0, 0.0),
         quaternion: ArrayLike = (1.0, 0.0, 0.0, 0.0),
-        friction: float = 0.0,
+        friction: float | None = 0.0,
     ) -> None:
-        """Add a ``box``, a ``sphere`` or a ``cylinder`` of half sizes to a part, or to the world."""
+        """Add a ``box``, a ``sphere`` or a ``cylinder`` of half sizes to a part, or to the world.
+
+        Its friction is that with all grains; None for as among grains that have frictions of their own.
+        """
         place = {"pos": _numbers(position), "quat": _numbers(quaternion)}
         self._add(body, {"name": name, "type": kind, "size": _numbers(size), **place}, friction)
 
-    def add_hull(self, body: Element | None, name: str, corners: ArrayLike, *, friction: float = 0.0) -> None:
+    def add_hull(self, body: Element | None, name: str, corners: ArrayLike, *, friction: float | None = 0.0) -> None:
         """Add the convex hull of corners, shape (n, 3), in the part's frame, to a part or to the world."""
         ET.SubElement(_find(self._root, "asset"), "mesh", name=name, vertex=_numbers(np.ravel(corners)))
         self._add(body, {"name": name, "type": "mesh", "mesh": name}, friction)
 
-    def _add(self, body: Element | None, attributes: dict[str, str], friction: float) -> None:
+    def _add(self, body: Element | None, attributes: dict[str, str], friction: float | None) -> None:
         """Add a shape to a part, or to the world."""
         shape = ET.Element("geom", {**attributes, "material": "wall", **_PART})
         # MuJoCo takes the larger friction of a pair unless one has priority.
-        shape.set("priority", "1")
-        shape.set("friction", _numbers(friction))
-        shape.set("condim", "3" if friction > 0 else "1")
+        shape.set("priority", "0" if friction is None else str(self._above_grains))
+        shape.set("friction", _numbers(friction or 0.0))
+        shape.set("condim", "3" if friction else "1")
         if body is None:
             self._insert(shape)
         else:

@@ -106,8 +106,8 @@ class Engine(Protocol):
     def set_gravity(self, gravity: ArrayLike) -> None:
         """Change the acceleration [g], shape (3,), that acts on everything."""
 
-    def set_friction(self, friction: float) -> None:
-        """Change the coefficient of friction among grains."""
+    def set_friction(self, friction: float | None) -> None:
+        """Give all grains that are not glued one coefficient of friction, or with None that of the model again."""
 
     def make_smooth(self, parts: Sequence[str]) -> None:
         """Let these parts be without friction until the next call, and give all others their own again."""

@@ -220,8 +220,8 @@ class Member(MujocoEngine):
         super().set_gravity(gravity)
         self._lockstep.is_stale = True
 
-    def set_friction(self, friction: float) -> None:
-        """Change the coefficient of friction among grains."""
+    def set_friction(self, friction: float | None) -> None:
+        """Give all grains that are not glued one coefficient of friction, or with None that of the model again."""
         super().set_friction(friction)
         self._lockstep.is_stale = True
 

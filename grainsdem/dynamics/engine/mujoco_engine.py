@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -29,6 +29,14 @@ _COLLISIONS = ("geom_contype", "geom_conaffinity", "body_contype", "body_conaffi
 """What says who collides with whom; the bodies' is what spares the search for those that touch nothing."""
 
 _GRAIN = re.compile(r"g\d{6,}")
+
+
+class _Surfaces(NamedTuple):
+    """Sliding friction, priority and number of dimensions of each geom, as they were compiled, shape (n_geoms,)."""
+
+    frictions: Floats
+    priorities: NDArray[np.int32]
+    dimensions: NDArray[np.int32]
 
 
 def load(text: str) -> MujocoEngine:
@@ -89,7 +97,9 @@ class MujocoEngine:
         }
         self.is_present = np.ones(self.n_grains, dtype=bool)
         self._collisions = [(kind, getattr(model, kind).copy()) for kind in _COLLISIONS]
-        self._surfaces = model.geom_friction[:, 0].copy(), model.geom_priority.copy()
+        compiled = model.geom_friction[:, 0], model.geom_priority, model.geom_condim
+        self._surfaces = _Surfaces(*(values.copy() for values in compiled))
+        self._steps_of_contacts = np.round(model.geom_solref[:, 0] / model.opt.timestep, 6)
         mujoco.mj_forward(model, self.data)
 
     @property
@@ -110,23 +120,31 @@ class MujocoEngine:
     def set_time_step(self, time_step: float) -> None:
         """Change the time step, and the contact stiffness that follows from it."""
         self.model.opt.timestep = time_step
-        self.model.geom_solref[:, 0] = 2 * time_step
+        self.model.geom_solref[:, 0] = self._steps_of_contacts * time_step
 
     def set_gravity(self, gravity: ArrayLike) -> None:
         """Change the acceleration [g], shape (3,), that acts on everything."""
         self.model.opt.gravity[:] = gravity
 
-    def set_friction(self, friction: float) -> None:
-        """Change the coefficient of friction among grains."""
-        self.model.geom_friction[self._is_loose(), 0] = friction
+    def set_friction(self, friction: float | None) -> None:
+        """Give all grains that are not glued one coefficient of friction, or with None that of the model again."""
+        loose = self._is_loose()
+        values, priorities, dimensions = (surface[loose] for surface in self._surfaces)
+        if friction is not None:
+            # Walls that are as rough as the grain that touches them stay below all grains.
+            values, priorities = np.full(values.size, friction), np.minimum(priorities, 1)
+            dimensions = np.maximum(dimensions, 3 if friction > 0 else 1)
+        self.model.geom_friction[loose, 0] = values
+        self.model.geom_priority[loose] = priorities
+        self.model.geom_condim[loose] = dimensions
 
     def make_smooth(self, parts: Sequence[str]) -> None:
         """Let these parts be without friction until the next call, and give all others their own again."""
         chosen = np.isin(self._id_of_geom, [-1 - self.parts.index(part) for part in parts])
-        fixed, (frictions, priorities) = self._id_of_geom < 0, self._surfaces
+        fixed, (frictions, priorities, _) = self._id_of_geom < 0, self._surfaces
         self.model.geom_friction[fixed, 0] = np.where(chosen, 0.0, frictions)[fixed]
         # MuJoCo takes the larger friction of a pair unless one has priority.
-        self.model.geom_priority[fixed] = np.where(chosen, 1, priorities)[fixed]
+        self.model.geom_priority[fixed] = np.where(chosen, 1 + priorities.max(), priorities)[fixed]
 
     def set_velocities(self, velocities: ArrayLike) -> None:
         """Set the velocities of the grains that are not glued [d/t], shape (n, 3); spins become zero."""

@@ -106,7 +106,7 @@ def collapse(
         Sequence[str] | None,
         option("Walls to take away, such as wall_x1 for a slope towards +x; all by default.", min_length=1),
     ] = None,
-    friction: Friction = 0.5,
+    friction: Friction = None,
     wall_friction: WallFriction = None,
     gravity: Gravity = 9.81,
     max_time: Annotated[float, option("Time limit after the release.", "√(d/g)", gt=0)] = 100.0,

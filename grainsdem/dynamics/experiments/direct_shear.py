@@ -21,7 +21,7 @@ from grainsdem.dynamics.experiments.loading import (
 from grainsdem.dynamics.experiments.registry import experiment
 from grainsdem.dynamics.experiments.rig import assemble, pressure_gravity
 from grainsdem.dynamics.experiments.shared import CompactionFriction, Friction, InertialNumber, NormalStress, Run
-from grainsdem.dynamics.experiments.start import as_asked, options_of
+from grainsdem.dynamics.experiments.start import as_asked, options_of, plate_friction
 from grainsdem.dynamics.mechanics import coordination, sliding_fraction, snapshot, traction
 from grainsdem.geometry.integrals import volumes
 from grainsdem.model import Packing
@@ -142,7 +142,7 @@ def direct_shear(
         float, option("Way of the upper half to go to, over the length of the box.", gt=0, le=0.5)
     ] = 0.2,
     inertial_number: InertialNumber = 1e-2,
-    friction: Friction = 0.5,
+    friction: Friction = None,
     compaction_friction: CompactionFriction = None,
     **run: Unpack[Run],
 ) -> _DirectShear:
@@ -177,14 +177,14 @@ def direct_shear(
         gravity=pressure_gravity(grains, normal_stress),
         walls="none",
     )
-    scales = units(box.packing, options.gravity)
+    scales, plates = units(box.packing, options.gravity), plate_friction(grains, friction)
     scene = assemble(
         box.packing,
         options,
-        lambda apparatus: box.furnish(apparatus, scales, friction=friction),
+        lambda apparatus: box.furnish(apparatus, scales, friction=plates),
         spheres=run["spheres"],
     )
-    return _DirectShear(scene, box, Shear(displacement, inertial_number, friction, compaction_friction))
+    return _DirectShear(scene, box, Shear(displacement, inertial_number, compaction_friction))
 
 
 class _DirectShear(Staged[DirectShearReport]):

@@ -120,15 +120,12 @@ class Shear(NamedTuple):
         To go to.
     rate : float
         Inertial number.
-    friction : float
-        Coefficient of friction among grains.
     compaction_friction : float or None
-        The same while the bed is compressed, where that is another.
+        Coefficient of friction among grains while the bed is compressed, where that is another than afterwards.
     """
 
     strain: float
     rate: float
-    friction: float
     compaction_friction: float | None
 
 
@@ -146,7 +143,7 @@ class Staged(Trial[Report]):
     def __init__(self, scene: Scene, meter: Meter, shear: Shear) -> None:
         super().__init__(scene, meter)
         self.strain, self.rate = shear.strain, shear.rate
-        self._frictions = shear.compaction_friction, shear.friction
+        self._compaction_friction = shear.compaction_friction
         self.gathered: float | None = None
         """When [t] the grains had been gathered."""
         self.begun: dict[str, Any] | None = None
@@ -325,8 +322,7 @@ class Staged(Trial[Report]):
 
     def _enter_stage(self) -> None:
         """Give the grains the friction and the drag of the present stage."""
-        compaction, shear = self._frictions
-        self.scene.engine.set_friction(shear if self.begun or compaction is None else compaction)
+        self.scene.engine.set_friction(None if self.begun else self._compaction_friction)
         self.scene.engine.set_drag(DRAG if self.gathered is not None and self.begun is None else 0.0)
 
 

@@ -22,7 +22,7 @@ from grainsdem.dynamics.experiments.loading import (
 from grainsdem.dynamics.experiments.registry import experiment
 from grainsdem.dynamics.experiments.rig import assemble, pressure_gravity
 from grainsdem.dynamics.experiments.shared import CompactionFriction, Friction, InertialNumber, NormalStress, Run
-from grainsdem.dynamics.experiments.start import as_asked, options_of
+from grainsdem.dynamics.experiments.start import as_asked, options_of, plate_friction
 from grainsdem.dynamics.mechanics import (
     coordination,
     sliding_fraction,
@@ -162,7 +162,7 @@ def ring_shear(
         option("Shear strain to go to, of any size: the way of the lid at the mean radius over the height.", gt=0),
     ] = 2.0,
     inertial_number: InertialNumber = 1e-2,
-    friction: Friction = 0.5,
+    friction: Friction = None,
     compaction_friction: CompactionFriction = None,
     inner_radius: Annotated[float | None, option("Inner radius of the ring; by default as fits.", "m", gt=0)] = None,
     outer_radius: Annotated[
@@ -202,14 +202,14 @@ def ring_shear(
         wall_friction=0.0,
         gravity=pressure_gravity(grains, normal_stress),
     )
-    scales = units(annulus.packing, options.gravity)
+    scales, plates = units(annulus.packing, options.gravity), plate_friction(grains, friction)
     scene = assemble(
         annulus.packing,
         options,
-        lambda apparatus: annulus.furnish(apparatus, scales, friction=friction),
+        lambda apparatus: annulus.furnish(apparatus, scales, friction=plates),
         spheres=run["spheres"],
     )
-    return _Ring(scene, annulus, Shear(strain, inertial_number, friction, compaction_friction))
+    return _Ring(scene, annulus, Shear(strain, inertial_number, compaction_friction))
 
 
 class _Ring(Staged[RingReport]):

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, TypedDict
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypedDict
 
-from grainsdem.options import option
+from exporters.mjcf.bouncing import LEAST, MOST
+from grainsdem.options import ByName, option
 
 if TYPE_CHECKING:
     import os
@@ -12,9 +13,22 @@ if TYPE_CHECKING:
 
     import numpy as np
 
-Friction = Annotated[float, option("Coefficient of friction among grains.", ge=0)]
+Friction = Annotated[
+    float | None,
+    option(
+        "Coefficient of friction among all grains; by default each has its own (`Packing.frictions`), or 0.5 where "
+        "there are none.",
+        ge=0,
+    ),
+]
 
-WallFriction = Annotated[float | None, option("The same with floor and walls; by default as among grains.", ge=0)]
+WallFriction = Annotated[
+    ByName,
+    option(
+        "The same with floor and walls, or with some of them by name as floor=0.6,wall_x0=0; by default, and of walls "
+        "that are not named, as among grains.",
+    ),
+]
 
 CompactionFriction = Annotated[
     float | None,
@@ -44,6 +58,19 @@ class Run(TypedDict, total=False):
             ge=0,
         ),
     ]
+    mixing: Annotated[
+        Literal["max", "min"],
+        option("Whether the rougher or the smoother of two grains with frictions of their own rules their contact."),
+    ]
+    restitution: Annotated[
+        float | None,
+        option(
+            "Speed of a grain after a bounce over that before it, in all contacts; these are then softer. By default "
+            "they are damped until grains hardly bounce.",
+            ge=LEAST,
+            le=MOST,
+        ),
+    ]
     rng: np.random.Generator | int | None
     history_path: str | os.PathLike[str] | None
     resume: bool
@@ -54,6 +81,8 @@ DEFAULTS: dict[str, Any] = {
     "spheres": False,
     "time_step": 0.01,
     "rolling_friction": 0.0,
+    "mixing": "max",
+    "restitution": None,
     "rng": None,
     "history_path": None,
     "resume": False,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from exporters.mjcf import MjcfOptions
+from exporters.rest import frictions
 from grainsdem.dynamics.starting import as_spheres
 from grainsdem.errors import InputError
 from grainsdem.geometry.rotations import multiply, random_quaternions
@@ -40,7 +41,22 @@ def as_asked(packing: Packing, run: Run) -> Packing:
 
 def options_of(run: Run, **own: Any) -> MjcfOptions:
     """Return what the simulation is like: what every run has, and what an experiment gives besides."""
-    return MjcfOptions(time_step=run["time_step"], rolling_friction=run["rolling_friction"], **own)
+    return MjcfOptions(
+        time_step=run["time_step"],
+        rolling_friction=run["rolling_friction"],
+        mixing=run["mixing"],
+        restitution=run["restitution"],
+        **own,
+    )
+
+
+def plate_friction(packing: Packing, friction: float | None) -> float | None:
+    """Return the friction of parts that are to grains as these are to each other.
+
+    None, as `grainsdem.dynamics.engine.Apparatus` takes it, where grains have their own.
+    """
+    found = frictions(replace(packing, provenance=()), friction)
+    return found.grains if found.own is None else None
 
 
 def in_block(packing: Packing, run: Run) -> Packing:
@@ -96,6 +112,7 @@ def set_apart(packing: Packing, places: Floats, domain: Domain, *, rng: Seed, n_
         positions=positions,
         quaternions=turned / np.linalg.norm(turned, axis=1, keepdims=True),
         densities=packing.densities[order],
+        frictions=packing.frictions_of(order),
         domain=domain,
         links=None,
     ).with_step("set_apart")

@@ -103,7 +103,7 @@ def _panels(series: Series, profile: Series) -> list[Panel]:
 def tilt(
     packing: Packing,
     *,
-    friction: Friction = 0.5,
+    friction: Friction = None,
     wall_friction: WallFriction = None,
     gravity: Gravity = 9.81,
     rate: Annotated[float, option("Angle by which gravity is turned in √(d/g).", "rad", gt=0)] = 0.01,

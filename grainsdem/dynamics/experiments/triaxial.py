@@ -146,7 +146,7 @@ def triaxial(
     confining_pressure: Annotated[float, option("Pressure σ3 on the side walls.", "Pa", gt=0)] = 1e5,
     strain: Annotated[float, option("Axial strain to go to, the shortening over the height.", gt=0, lt=0.9)] = 0.4,
     inertial_number: InertialNumber = 1e-2,
-    friction: Friction = 0.5,
+    friction: Friction = None,
     compaction_friction: CompactionFriction = None,
     **run: Unpack[Run],
 ) -> _Triaxial:
@@ -183,7 +183,7 @@ def triaxial(
         walls="none",
     )
     scene, cell = _build(start, cell_options, spheres=run["spheres"])
-    return _Triaxial(scene, cell, Shear(strain, inertial_number, friction, compaction_friction))
+    return _Triaxial(scene, cell, Shear(strain, inertial_number, compaction_friction))
 
 
 def _build(packing: Packing, options: MjcfOptions, *, spheres: bool) -> tuple[Scene, SixWalls]:

@@ -66,7 +66,7 @@ class Annulus:
         self._plates = heights[0], heights[-1]
         self._height = n_layers * step
 
-    def furnish(self, apparatus: Apparatus, units: GrainUnits, *, friction: float) -> None:
+    def furnish(self, apparatus: Apparatus, units: GrainUnits, *, friction: float | None) -> None:
         """Add inner wall, floor and lid to a model, without gravity."""
         scale = 1.0 / units.length
         self.inner, self.outer = self._inner * scale, self._outer * scale

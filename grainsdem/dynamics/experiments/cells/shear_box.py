@@ -56,7 +56,7 @@ class ShearBox:
             height = float(volumes(packing.grains).sum()) / fraction * sides[self.up] / float(np.prod(sides))
         self._split = self._lower[self.up] + 0.5 * height
 
-    def furnish(self, apparatus: Apparatus, units: GrainUnits, *, friction: float) -> None:
+    def furnish(self, apparatus: Apparatus, units: GrainUnits, *, friction: float | None) -> None:
         """Add both halves and the lid to a model, without gravity."""
         self.lower, self.upper = self._lower / units.length, self._upper / units.length
         self.split = float(self._split / units.length)
@@ -89,7 +89,7 @@ class ShearBox:
         face: tuple[int, int, float],
         *,
         span: tuple[float, float] | None = None,
-        friction: float = 0.0,
+        friction: float | None = 0.0,
     ) -> None:
         """Add a slab whose face is across an axis, on one side of the grains, at a place."""
         axis, side, place = face
