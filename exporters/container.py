@@ -120,6 +120,14 @@ def container_box(packing: Packing, vertices: NDArray[np.float64]) -> tuple[NDAr
     return lower, upper
 
 
+def wall_names(domain: Domain, walls: str = "box") -> list[str]:
+    """Return the names of a container's walls, the floor first: of all, of the floor alone, or of none."""
+    flat, solid = ("wall_y0", "wall_x0", "wall_x1"), ("floor", "wall_x0", "wall_x1", "wall_y0", "wall_y1")
+    names = flat if domain.is_planar else solid
+    planes = [f"wall_p{k}" for k in range(len(domain.planes))]
+    return {"box": [*names, *planes], "floor": [names[0]], "none": []}[walls]
+
+
 def plane_frames(domain: Domain) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return a point [m] on each of the domain's planes, shape (k, 3), and rotations that turn z inward, shape (k, 4).
 

@@ -224,6 +224,19 @@ def test_settle_writes_a_packing_and_a_history(heap, tmp_path):
     assert grainsdem.load_history(tmp_path / "history.h5")["kinetic_energy"][-1] == told["kinetic_energy"]
 
 
+def test_settle_takes_two_materials_and_a_smooth_wall(heap, tmp_path):
+    result = call(
+        "settle", heap, tmp_path / "settled.h5", "--max-time", 0.5, "--friction", "0.3:0.5,0.6:0.5",
+        "--wall-friction", "floor=0.6,wall_x0=0", "--mixing", "min", "--restitution", 0.5, "--quiet",
+    )  # fmt: skip
+    assert result.exit_code == 0, result.output
+    settled = grainsdem.load(tmp_path / "settled.h5")
+    assert set(settled.frictions) <= {0.3, 0.6}
+    rest = json.loads(settled.provenance[-1])["resting"]
+    assert (rest["friction"], rest["mixing"], rest["restitution"]) == (None, "min", 0.5)
+    assert rest["wall_friction"] == {"floor": 0.6, "wall_x0": 0.0}
+
+
 def test_the_table_of_a_settled_bed_tells_floor_and_walls_apart(bed):
     rest = {"at_rest": True, "time": 0.2, "kinetic_energy": 1e-7, "overlap_max": 3e-4}
     told = Console(file=StringIO(), width=120)
@@ -277,6 +290,9 @@ def bad_input(tmp_path, bed):
         "folder not there": (["generate", tmp_path / "no" / "out.h5", "--count", 400], "cannot be written"),
         "too few seeds": (["generate", out, "--count", 3], "touch a wall"),
         "negative friction": (["settle", bed, out, "--friction", -1], "friction"),
+        "no such wall": (["settle", bed, out, "--wall-friction", "roof=0.1"], "its walls are floor, wall_x0, wall_x1"),
+        "friction of nothing": (["settle", bed, out, "--friction", "0.3:half"], "numbers and their shares as 0.3:0.5"),
+        "a bounce too high": (["settle", bed, out, "--restitution", 0.9], "restitution must be 0.3 to 0.7"),
     }
 
 

@@ -44,6 +44,19 @@ def test_a_box_of_spheres_is_sheared_and_told_as_a_table(bed, tmp_path):
     assert "normal stress, Pa" in result.stdout
 
 
+def test_walls_have_friction_of_their_own_by_the_command_and_in_ensembles(bed, tmp_path):
+    walls = {"floor": 0.6, "wall_x0": 0.0}
+    words = "floor=0.6,wall_x0=0"
+    run(
+        "collapse", bed, tmp_path / "heap.h5", "--max-time", 0.2, "--wall-friction", words, "--restitution", 0.5,
+        "--quiet",
+    )  # fmt: skip
+    made = json.loads(load(tmp_path / "heap.h5").provenance[-1])
+    assert made["wall_friction"] == made["resting"]["wall_friction"] == walls
+    assert made["resting"]["restitution"] == 0.5
+    run("ensemble", "collapse", bed, "max_time=0.2", f"wall_friction={words}", "--seeds", 1, "--quiet")
+
+
 @pytest.mark.slow
 def test_an_ensemble_of_tilted_beds_is_told_with_its_interval(bed):
     result = run("ensemble", "tilt", bed, "rate=0.05", "max_angle=0.05", "spheres=true", "--seeds", 2, "--json")
@@ -62,6 +75,15 @@ def test_an_ensemble_of_tilted_beds_is_told_with_its_interval(bed):
         (("ring-shear", "--start", "place"), "No such option: --start"),
         (("collapse", "--release", "roof"), "release must name some of"),
         (("tilt", "--max-angle", 4), "max_angle"),
+        (
+            ("tilt", "--wall-friction", "roof=0.1"),
+            "the container has no roof to have a wall_friction: its walls are floor",
+        ),
+        (
+            ("tilt", "--wall-friction", "rough"),
+            "wall_friction: must be zero or more and finite, or such numbers by name",
+        ),
+        (("tilt", "--restitution", 0.9), "restitution: input should be less than or equal to 0.7; got 0.9"),
         (("tilt", "--figure", "curve.pdf"), "written as .png"),
         (("tilt", "--forces", "forces.txt"), "contacts are written as .csv, .parquet, .graphml or .vtp; got '.txt'"),
     ],

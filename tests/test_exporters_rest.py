@@ -13,6 +13,7 @@ import exporters
 from exporters.mjcf import MjcfOptions, text, units
 from exporters.rest import Rest, rest_of, resting
 from grainsdem.dynamics import collapse, settle, tap
+from grainsdem.errors import InputError
 from grainsdem.model import Domain
 from grainsdem.packing import carve, rescale, shrink, shuffle
 from grainsdem.points import poisson
@@ -139,3 +140,38 @@ def test_a_settled_bed_stays_where_it_is_in_plain_mujoco(seed):
     # in 360 hung on two contacts, where nothing held it but the drag of settling, and fell by 0.008: so a few may.
     assert far.mean() < 1e-3
     assert np.quantile(far, 0.95) < 1e-3
+
+
+@pytest.mark.client
+def test_a_stage_has_a_material_for_each_wall_with_friction_of_its_own_and_the_mean_of_the_grains(tmp_path, caplog):
+    bed = replace(grow(8), frictions=np.linspace(0.1, 0.8, 8))
+    walls = {"floor": 0.9, "wall_x1": 0.0}
+    [path] = exporters.write(bed, tmp_path / "bed.usda", wall_friction=walls)
+    stage = Usd.Stage.Open(str(path))
+
+    def friction(prim):
+        [target] = stage.GetPrimAtPath(prim).GetRelationship("material:binding:physics").GetTargets()
+        return UsdPhysics.MaterialAPI(stage.GetPrimAtPath(target)).GetStaticFrictionAttr().Get()
+
+    found = {name: friction(f"/World/Container/{name}") for name in ("floor", "wall_x1", "wall_y0")}
+    assert found == pytest.approx({"floor": 0.9, "wall_x1": 0.0, "wall_y0": 0.45})
+    assert friction("/World/Grains") == pytest.approx(0.45)
+    assert "grains have frictions of their own, from 0.1 to 0.8; the file has their mean, 0.45" in caplog.text
+    with pytest.raises(InputError, match="the container has no lid"):
+        exporters.write(bed, tmp_path / "no.usda", wall_friction={"lid": 0.1})
+    assert not (tmp_path / "no.usda").exists()
+
+
+@pytest.mark.unit
+def test_formats_with_one_friction_say_that_it_is_the_mean(caplog):
+    bed = replace(grow(8), frictions=np.linspace(0.1, 0.8, 8))
+    one, plain = (
+        b"".join(
+            b"".join([part] if isinstance(part, bytes) else part)
+            for part in exporters.files(packing, "3dec", **more).values()
+        )
+        for packing, more in ((bed, {}), (replace(bed, frictions=None), {"friction": 0.45}))
+    )
+    assert f"friction {np.degrees(np.arctan(0.45)):.9g}".encode() in one
+    assert one == plain
+    assert caplog.text.count("the file has their mean, 0.45") == 1

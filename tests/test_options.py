@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grainsdem.errors import InputError
-from grainsdem.options import checked, kind_of, model_of, option
+from grainsdem.options import ByName, checked, kind_of, model_of, option, told_of
 
 Share = Annotated[float, option("A share.", gt=0, le=1)]
 
@@ -29,6 +29,59 @@ def work(
 
 
 MODEL = model_of(work, "work")
+
+
+def slide(bed: str, *, walls: Annotated[ByName, option("How rough.")] = None) -> None:
+    """Take one option and do nothing."""
+
+
+@pytest.mark.unit
+@pytest.mark.parametrize(
+    ("given", "read"),
+    [
+        (None, None),
+        (0.3, 0.3),
+        (1, 1),
+        ("0.3", 0.3),
+        ("floor=0.6,wall_x0=0", {"floor": 0.6, "wall_x0": 0.0}),
+        ("floor = 1", {"floor": 1.0}),
+        ({"floor": 1}, {"floor": 1.0}),
+    ],
+)
+def test_a_coefficient_may_be_one_or_several_by_name_and_a_text_of_either(given, read):
+    assert checked(model_of(slide, "slide"), {"walls": given}) == {"walls": read}
+
+
+@pytest.mark.unit
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        (-1.0, "walls: must be zero or more and finite; got -1.0"),
+        (np.inf, "walls: must be zero or more and finite; got inf"),
+        (
+            "rough",
+            "walls: must be zero or more and finite, or such numbers by name as floor=0.6,wall_x0=0; got 'rough'",
+        ),
+        ("floor=a", "as floor=0.6,wall_x0=0; got 'floor=a'"),
+        ({"floor": -1}, r"as floor=0.6,wall_x0=0; got \{'floor': -1\}"),
+        ({}, r"as floor=0.6,wall_x0=0; got \{\}"),
+        (True, "walls: must be zero or more"),
+        ([0.3], r"walls: must be zero or more and finite, or such numbers by name .*; got \[0.3\]"),
+    ],
+)
+def test_coefficients_that_cannot_be_are_refused_in_one_line(given, words):
+    with pytest.raises(InputError, match=words) as caught:
+        checked(model_of(slide, "slide"), {"walls": given})
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.unit
+def test_coefficients_by_name_are_told_with_their_kind_and_range_and_have_a_schema():
+    model = model_of(slide, "slide")
+    told = told_of(model.model_fields["walls"], "walls")
+    assert (told.kind, told.allowed) == ("float or table of float, optional", "at least 0")
+    kinds = model.model_json_schema()["properties"]["walls"]["anyOf"]
+    assert [kind["type"] for kind in kinds] == ["number", "object", "null"]
 
 
 @pytest.mark.unit

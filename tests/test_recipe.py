@@ -66,6 +66,11 @@ def test_the_example_recipe_can_be_read():
     [
         ({"sedes": {}}, "sedes: unknown key; allowed are name, rng, domain, seeds"),
         ({"grains": {"porosty": 0.4}}, "grains.porosty: unknown key; allowed are keep, porosity, solid_fraction"),
+        (
+            {"settle": {"wall_friction": {"floor": -1}}},
+            "settle.wall_friction: must be zero or more and finite, or such",
+        ),
+        ({"settle": {"friction": {}}}, "settle.friction"),
         ({"settle": {"frictoin": 0.4}}, "settle.frictoin: unknown key; allowed are start, spheres, friction"),
         ({"grains": {"porosity": -0.1}}, "grains.porosity: .*greater than or equal to 0; got -0.1"),
         ({"grains": {"porosity": 0.4, "scale": 0.5}}, "grains: give one of porosity, .*got porosity = 0.4, scale"),

@@ -18,7 +18,7 @@ def test_a_recipes_experiments_are_run_and_written(tmp_path):
     tables = {
         **BED,
         "triaxial": {"strain": 0.01, "inertial_number": 0.1, "spheres": True},
-        "collapse": {"max_time": 0.5, "seeds": 2},
+        "collapse": {"max_time": 0.5, "seeds": 2, "wall_friction": {"floor": 0.6}},
         "output": {"formats": [], "figures": True, "forces": ["vtp", "png"]},
     }
     result = run(make(**tables), tmp_path)
@@ -53,6 +53,7 @@ def test_a_recipe_without_experiments_tells_nothing_of_them():
         ({"tap": {"taps": 1.5}}, "tap.taps: input should be a valid integer; got 1.5"),
         ({"tilt": {"friction": True}}, "tilt.friction: input should be a valid number; got True"),
         ({"tilt": {"max_angle": 3.0}}, "tilt.max_angle"),
+        ({"tilt": {"wall_friction": {"floor": -1.0}}}, "tilt.wall_friction: must be zero or more and finite, or such"),
         ({"collapse": {"seeds": 3, "start": "place"}}, "several seeds"),
         ({"collapse": {"release": []}}, "collapse.release"),
     ],

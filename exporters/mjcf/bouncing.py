@@ -10,9 +10,10 @@ from __future__ import annotations
 
 import numpy as np
 
-LEAST, MOST = 0.3, 0.95
-"""Restitutions between which spheres that fall from 1 to 10 d bounce to within 0.03 of what was asked for, in the mean;
-below, they lose more than that the slower they are."""
+LEAST, MOST = 0.3, 0.7
+"""Restitutions between which spheres that fall from 1 to 10 d bounce to within 0.03 of what was asked for, in the mean.
+Below, they lose more than that the slower they are. Above, beds gain energy: the stiffness of MuJoCo's contacts is
+relative to what each of them moves, and changes with what else touches and slides while they hold energy."""
 
 DAMPED_STEPS = 2.0
 """Product of the time constant and the ratio of damping of contacts that do not bounce, in time steps: the stiffest
@@ -20,6 +21,10 @@ that a step can carry. It is one over the frequency of the spring."""
 
 BOUNCING_STEPS = 4.0
 """The same of those that do. With half as many, single bounces would scatter twice as widely: by up to 0.08."""
+
+DAMPED_START, BOUNCING_START = 0.9, 0.8
+"""Share of the spring's acceleration that contacts of either kind have where they just touch: MuJoCo's impedance. With
+less, grains lie deeper than they fall in a step: with 0.9 a cube that bounces hops on its corners for ever."""
 
 _PLACES = 64
 """Places in a step at which a grain is found overlapping."""

@@ -8,8 +8,8 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from exporters.container import GRAIN_COLOURS, container_box, plane_frames, world_bounds
-from exporters.mjcf.bouncing import BOUNCING_STEPS, DAMPED_STEPS, damping_of
+from exporters.container import GRAIN_COLOURS, container_box, plane_frames, wall_names, world_bounds
+from exporters.mjcf.bouncing import BOUNCING_START, BOUNCING_STEPS, DAMPED_START, DAMPED_STEPS, damping_of
 from exporters.mjcf.grains import PLAIN
 from exporters.mjcf.options import ITERATIONS, NOSLIP_AT_REST
 from exporters.rest import down, rest_of, restitution, time_step
@@ -52,7 +52,7 @@ _DOCUMENT = Template("""\
   </visual>
   <statistic center="$centre" extent="$extent" meansize="$meansize"/>
   <default>
-    <geom solref="$solref $damping" solimp="0.9 0.95 $width"/>
+    <geom solref="$solref $damping" solimp="$start 0.95 $width"/>
     <default class="grain">
       <geom type="$shape" condim="$condim" friction="$friction"/>
     </default>
@@ -129,7 +129,10 @@ def _settings(bed: Bed, options: MjcfOptions) -> dict[str, object]:
     step = time_step(packing, options.time_step) * (1.0 if is_grain else np.sqrt(bed.diameter / gravity))
     box = np.stack([packing.domain.lower, packing.domain.upper]) / scales.length
     bounce = restitution(packing, options.restitution)
-    contact_steps, damping = (DAMPED_STEPS, 1.0) if bounce is None else (BOUNCING_STEPS, damping_of(bounce))
+    if bounce is None:
+        contact_steps, damping, start = DAMPED_STEPS, 1.0, DAMPED_START
+    else:
+        contact_steps, damping, start = BOUNCING_STEPS, damping_of(bounce), BOUNCING_START
     noslip = options.noslip_iterations
     if noslip is None:
         noslip = NOSLIP_AT_REST if rest_of(packing) is not None and options.solver == "PGS" else 0
@@ -155,6 +158,7 @@ def _settings(bed: Bed, options: MjcfOptions) -> dict[str, object]:
         "noslip": noslip,
         "solref": f"{contact_steps * step / damping:.9g}",
         "damping": f"{damping:.9g}",
+        "start": f"{start:g}",
         "width": f"{options.contact_width * bed.diameter:.9g}",
         **bed.surfaces.defaults(),
     }
@@ -194,27 +198,26 @@ def _container(lower: Floats, upper: Floats, options: MjcfOptions, domain: Domai
     centre, half = (lower + upper) / 2, (upper - lower) / 2
     # Quaternions that turn a plane's z axis inward, with its x axis along the second size.
     s = float(np.sqrt(0.5))
-    walls = [
-        ("floor", 2, 0, (1.0, 0.0, 0.0, 0.0), (0, 1)),
-        ("wall_x0", 0, 0, (s, 0.0, s, 0.0), (2, 1)),
-        ("wall_x1", 0, 1, (s, 0.0, -s, 0.0), (2, 1)),
-        ("wall_y0", 1, 0, (s, -s, 0.0, 0.0), (0, 2)),
-        ("wall_y1", 1, 1, (s, s, 0.0, 0.0), (0, 2)),
-    ]
-    if domain.is_planar:  # the floor is the lower y wall, and nothing moves along z
-        walls = [walls[3], walls[1], walls[2]]
-    chosen = {"box": walls, "floor": walls[:1], "none": []}[options.walls]
+    sides = {
+        "floor": (2, 0, (1.0, 0.0, 0.0, 0.0), (0, 1)),
+        "wall_x0": (0, 0, (s, 0.0, s, 0.0), (2, 1)),
+        "wall_x1": (0, 1, (s, 0.0, -s, 0.0), (2, 1)),
+        "wall_y0": (1, 0, (s, -s, 0.0, 0.0), (0, 2)),
+        "wall_y1": (1, 1, (s, s, 0.0, 0.0), (0, 2)),
+    }
+    planes = {f"wall_p{k}": frame for k, frame in enumerate(zip(*plane_frames(domain), strict=True))}
     found: dict[str, Floats] = {}
-    for name, axis, side, quaternion, (a, b) in chosen:
-        place = centre.copy()
-        place[axis] = (lower, upper)[side][axis]
-        numbers = [*_rounded(place, bed.diameter), *quaternion, half[a], half[b], bed.diameter]
-        found[name] = np.array(numbers)
-    if options.walls == "box":
-        for k, (point, rotation) in enumerate(zip(*plane_frames(domain), strict=True)):
+    for name in wall_names(domain, options.walls):
+        if name in planes:
+            point, rotation = planes[name]
             # Drawn a quarter of the box wide: contacts see planes without end.
             numbers = [*_rounded(point, bed.diameter), *rotation, half.max() / 4, half[2], bed.diameter]
-            found[f"wall_p{k}"] = np.array(numbers)
+        else:
+            axis, side, quaternion, (a, b) = sides[name]
+            place = centre.copy()
+            place[axis] = (lower, upper)[side][axis]
+            numbers = [*_rounded(place, bed.diameter), *quaternion, half[a], half[b], bed.diameter]
+        found[name] = np.array(numbers)
     return _walls(found, bed.surfaces)
 
 

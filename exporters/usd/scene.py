@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from exporters.check import grain_names, shapes_of
-from exporters.container import container_box, plane_frames, world_bounds
+from exporters.container import container_box, plane_frames, wall_names, world_bounds
 from exporters.rest import down, frictions, one_friction, restitution
 from exporters.usd.prims import Attribute, Column, Many, Prim
 from grainsdem.geometry.integrals import face_planes
@@ -154,7 +154,8 @@ def _container(bed: Bed) -> list[Prim]:
     # No joint of USD holds a body in a plane: two smooth walls do.
     names = ["y0", "x0", "x1", "z0", "z1"] if domain.is_planar else ["z0", "x0", "x1", "y0", "y1"]
     chosen = {"box": names, "floor": names[:1], "none": []}[options.walls]
-    walls, known, made_of = [], [], bed.frictions
+    walls, made_of = [], bed.frictions
+    made_of.refuse_unknown(wall_names(domain, options.walls))
     for name in chosen:
         axis, at_upper = axis_of[name[0]], name[1] == "1"
         # Wider by its own thickness, so that the edges of the container are closed.
@@ -167,19 +168,17 @@ def _container(bed: Bed) -> list[Prim]:
         box = (centre, size, (1.0, 0.0, 0.0, 0.0))
         is_side = domain.is_planar and axis == 2
         look = ("floor", 1.0) if is_floor else (f"wall_{name}", 0.02 if is_side else 0.12)
-        # As files for MuJoCo name them; the two that hold a plane have no friction ever.
-        known += [] if is_side else ["floor" if name == "z0" else f"wall_{name}"]
-        kind = "Side" if is_side else _material(known[-1]) if known[-1] in made_of.by_wall else "Wall"
+        # Named as files for MuJoCo name them; the two that hold a plane have no friction ever.
+        own = "floor" if name == "z0" else f"wall_{name}"
+        kind = "Side" if is_side else _material(own) if own in made_of.by_wall else "Wall"
         walls.append(_wall(*look, box, gap, kind))
     if options.walls == "box":
         reach = float(np.linalg.norm(upper - lower)) + 2 * thick
         for k, (point, rotation) in enumerate(zip(*plane_frames(domain), strict=True)):
             outward = domain.planes[k, :3]
             box = (point + outward * thick / 2, np.array([reach, reach, thick]), rotation)
-            known.append(f"wall_p{k}")
-            kind = _material(known[-1]) if known[-1] in made_of.by_wall else "Wall"
-            walls.append(_wall(known[-1], 0.02, box, gap, kind))
-    made_of.refuse_unknown(known)
+            own = f"wall_p{k}"
+            walls.append(_wall(own, 0.02, box, gap, _material(own) if own in made_of.by_wall else "Wall"))
     return walls
 
 

@@ -8,14 +8,16 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from exporters.container import wall_names
 from exporters.mjcf import MjcfOptions
+from exporters.rest import frictions
 from grainsdem.dynamics.budget import allow, settling_budget
 from grainsdem.dynamics.engine.relief import LEAST_WEIGHT, UNLOADING, are_walls_smooth, weight_share
 from grainsdem.dynamics.loop import Loop, Progress, Record
 from grainsdem.dynamics.mechanics import SAMPLE_UNITS, Sample, contact_graph, sample, snapshot
 from grainsdem.dynamics.scene import equip, refuse_overlap, scene_of
 from grainsdem.dynamics.starting import RAIN_SPEED, begin, downward
-from grainsdem.dynamics.watch import find_trouble
+from grainsdem.dynamics.watch import find_trouble, stored_energy
 from grainsdem.errors import InputError
 
 if TYPE_CHECKING:
@@ -232,6 +234,7 @@ def settle(
         friction=number, wall_friction=wall_friction, mixing=mixing, rolling_friction=rolling_friction,
         restitution=restitution, gravity=gravity, time_step=time_step,
     )  # fmt: skip
+    frictions(packing, number, options.wall_friction).refuse_unknown(wall_names(packing.domain))
     first = begin(packing, start=start, spheres=spheres, density=density, friction=own, rng=rng)
     allow(settling_budget(first, time_step=time_step, max_time=max_time), max_hours=max_hours)
     apparatus = equip(first, options, are_spheres=spheres)
@@ -240,6 +243,7 @@ def settle(
     scene = scene_of(first, apparatus.text(), gravity, are_spheres=spheres)
     refuse_overlap(scene)
     run = SettleLoop(scene, Record(history_path, resume, {"max_time": max_time}), progress, max_time)
+    run.bounces = restitution is not None
     if start == "rain":
         run.rain()
     run.run()
@@ -266,6 +270,8 @@ class SettleLoop(Loop):
 
     experiment = "settle"
     columns = SAMPLE_UNITS
+    bounces = False
+    """Whether contacts give back what they hold."""
 
     def __init__(self, scene: Scene, record: Record, progress: Callable[[Progress], None] | None, limit: float) -> None:
         super().__init__(scene, record)
@@ -316,7 +322,7 @@ class SettleLoop(Loop):
     def keep(self, now: Sample) -> None:
         """Tell the progress, and look whether the bed is at rest."""
         if self._relief is None:
-            self._lowest = min(self._lowest, now.total_energy)
+            self._lowest = min(self._lowest, now.total_energy + self._stored())
         if self.progress is not None:
             second = self.scene.units.time
             self.progress(
@@ -361,6 +367,12 @@ class SettleLoop(Loop):
         weight = 1.0 if self._relief is None else LEAST_WEIGHT
         # A column reaches up to twice the mean height and has no more contacts than diameters.
         self._lowest = last.total_energy + last.overlap_max * 2 * (last.height - floor) / weight
+        # Contacts four times as stiff give back four times what they hold.
+        self._lowest += 4 * self._stored()
+
+    def _stored(self) -> float:
+        """Return what contacts may give back of what they hold [m g d a grain]: little where they are damped."""
+        return stored_energy(self.scene) if self.bounces else 0.0
 
     def in_si(self, row: Sample) -> Sample:
         """Return a sample with its time [s] and height [m] in SI."""

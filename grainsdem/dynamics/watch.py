@@ -64,6 +64,13 @@ def find_trouble(scene: Scene, now: Sample, before: Sample, lowest: float) -> No
         raise TroubleError(f"{escaped.size} grains left the container: {name_offenders(escaped)}")
 
 
+def stored_energy(scene: Scene) -> float:
+    """Return what contacts hold and may give back, in the mean of the grains [m g d]: the work of springs, f δ/2."""
+    told = scene.engine.last_contacts()
+    pressing = np.abs(np.einsum("ij,ij->i", told.forces, told.normals))
+    return float(0.5 * (pressing * np.maximum(-told.gaps, 0.0)).sum() / scene.engine.masses.sum())
+
+
 def distance_outside(scene: Scene) -> NDArray[np.float64]:
     """Return how far each centroid lies outside the floor and the side walls, in diameters, shape (n,)."""
     positions, _ = scene.poses()
