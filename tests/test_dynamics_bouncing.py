@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 from conftest import cube_packing
-from loading import check_that_it_goes_on, grow
+from loading import grow
 
 from exporters.mjcf import MjcfOptions, text
 from exporters.mjcf.bouncing import LEAST, MOST, damping_of, mean_restitution
@@ -116,11 +116,6 @@ def test_a_smaller_step_keeps_the_damping_and_makes_contacts_stiffer():
     before = engine.model.geom_solref.copy()
     engine.set_time_step(0.005)
     np.testing.assert_allclose(engine.model.geom_solref, before * [0.5, 1.0], rtol=1e-6)
-
-
-@pytest.mark.client
-def test_a_run_that_bounces_goes_on_to_the_same_bits(tmp_path):
-    check_that_it_goes_on(collapse, grow(12), tmp_path, samples=20, rng=2, restitution=0.6, max_time=3.0)
 
 
 @pytest.mark.slow

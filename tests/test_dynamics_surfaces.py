@@ -224,9 +224,9 @@ def test_a_number_is_for_one_run_and_leaves_the_grains_their_own():
 
 
 @pytest.mark.client
-def test_a_test_of_two_materials_goes_on_and_runs_in_ensembles(tmp_path):
+def test_a_test_of_two_materials_that_bounce_goes_on_and_runs_in_ensembles(tmp_path):
     grains = with_frictions(grow(12), {0.2: 1, 0.8: 1}, rng=1)
-    options = {"strain": 0.01, "inertial_number": 0.1, "compaction_friction": 0.1, "mixing": "min"}
+    options = {"strain": 0.01, "inertial_number": 0.1, "compaction_friction": 0.1, "mixing": "min", "restitution": 0.5}
     alone = check_that_it_goes_on(triaxial, grains, tmp_path, samples=20, rng=4, **options)
     runs = ensemble(triaxial, grains, seeds=[4, 7], through="batch", **options)
     assert runs.outcomes[0].packing.positions.tobytes() == alone.packing.positions.tobytes()

@@ -169,19 +169,17 @@ def settle(
     spheres : bool
         Whether each grain is replaced by the sphere of equal volume; they must be poured or rained.
     friction : float, mapping or callable, optional
-        Coefficient of friction [1] among all grains in this run. Or several of the grains' own, which they keep
-        (`Packing.frictions`): shares by number drawn at random, as in ``{0.3: 0.5, 0.6: 0.5}``, or a function of the
-        diameters [m]. By default each grain has its own, or 0.5 where there are none.
+        Coefficient of friction [1] among all grains in this run. Or several, which grains keep (`with_frictions`):
+        shares by number, as in ``{0.3: 0.5, 0.6: 0.5}``, or a function of the diameters [m]. By default each grain has
+        its own, or 0.5 where there are none.
     wall_friction : float or mapping, optional
-        Coefficient of friction with the walls [1], or those of some walls by name, as in ``{"floor": 0.6}``; see
-        `exporters.mjcf.MjcfOptions`. By default, and of walls that are not named, as among grains.
+        The same with the walls, or with some by name, as in ``{"floor": 0.6}``; else as among grains.
     mixing : {"max", "min"}
         Whether the rougher or the smoother of two grains with frictions of their own rules where they touch.
     rolling_friction : float
         Coefficient of rolling friction [1]; see `exporters.mjcf.MjcfOptions`.
     restitution : float, optional
-        Speed of a grain after a bounce over that before it [1], 0.3 to 0.95; see `exporters.mjcf.MjcfOptions`. By
-        default grains hardly bounce.
+        Speed after a bounce over that before it [1], 0.3 to 0.7; see `exporters.mjcf.MjcfOptions`. Else next to none.
     gravity : float
         Acceleration [m/s²].
     direction : array_like, shape (3,), optional
@@ -248,20 +246,11 @@ def settle(
         run.rain()
     run.run()
     settled = scene.packing().with_step(
-        "settle",
-        start=start,
-        spheres=spheres,
-        friction=number,
-        wall_friction=options.wall_friction,
-        mixing=mixing,
-        rolling_friction=rolling_friction,
-        restitution=restitution,
-        gravity=gravity,
-        direction=None if direction is None else scene.engine.gravity.tolist(),
-        time_step=time_step,
-        at_rest=run.at_rest,
-        **scene.rest(options),
-    )
+        "settle", start=start, spheres=spheres, friction=number, wall_friction=options.wall_friction, mixing=mixing,
+        rolling_friction=rolling_friction, restitution=restitution, gravity=gravity,
+        direction=None if direction is None else scene.engine.gravity.tolist(), time_step=time_step,
+        at_rest=run.at_rest, **scene.rest(options),
+    )  # fmt: skip
     return Settled(settled, run.history(), _report(run), contact_graph(snapshot(scene)))
 
 
@@ -322,7 +311,7 @@ class SettleLoop(Loop):
     def keep(self, now: Sample) -> None:
         """Tell the progress, and look whether the bed is at rest."""
         if self._relief is None:
-            self._lowest = min(self._lowest, now.total_energy + self._stored())
+            self._lowest = min(self._lowest, now.total_energy + self.bounces * stored_energy(self.scene))
         if self.progress is not None:
             second = self.scene.units.time
             self.progress(
@@ -368,11 +357,7 @@ class SettleLoop(Loop):
         # A column reaches up to twice the mean height and has no more contacts than diameters.
         self._lowest = last.total_energy + last.overlap_max * 2 * (last.height - floor) / weight
         # Contacts four times as stiff give back four times what they hold.
-        self._lowest += 4 * self._stored()
-
-    def _stored(self) -> float:
-        """Return what contacts may give back of what they hold [m g d a grain]: little where they are damped."""
-        return stored_energy(self.scene) if self.bounces else 0.0
+        self._lowest += 4 * self.bounces * stored_energy(self.scene)
 
     def in_si(self, row: Sample) -> Sample:
         """Return a sample with its time [s] and height [m] in SI."""
@@ -381,15 +366,10 @@ class SettleLoop(Loop):
     def memory(self) -> dict[str, Any]:
         """Return what the run remembers besides state and samples."""
         return {
-            **super().memory(),
-            "refinements": self.refinements,
-            "at_rest": self.at_rest,
-            "rested_from": self._rested_from,
-            "relief": self._relief,
-            "lowest": self._lowest,
-            "is_wet": self._is_wet,
-            "is_calm": self._is_calm,
-        }
+            **super().memory(), "refinements": self.refinements, "at_rest": self.at_rest,
+            "rested_from": self._rested_from, "relief": self._relief, "lowest": self._lowest,
+            "is_wet": self._is_wet, "is_calm": self._is_calm,
+        }  # fmt: skip
 
     def recall(self, memory: Mapping[str, Any]) -> None:
         """Take back what `memory` gave."""
@@ -411,17 +391,11 @@ class SettleLoop(Loop):
 def _report(run: SettleLoop) -> SettleReport:
     last, lately, second = run.samples[-1], run.samples[-REST_SAMPLES:], run.scene.units.time
     return SettleReport(
-        at_rest=run.at_rest,
-        time=last.time * second,
-        time_step=run.scene.engine.time_step * second,
-        n_steps=run.n_steps,
-        halvings=run.halvings,
-        refinements=run.refinements,
-        kinetic_energy=last.kinetic_energy,
-        unbalanced_force=last.unbalanced_force,
-        overlap_mean=last.overlap_mean,
-        overlap_max=last.overlap_max,
+        at_rest=run.at_rest, time=last.time * second, time_step=run.scene.engine.time_step * second,
+        n_steps=run.n_steps, halvings=run.halvings, refinements=run.refinements,
+        kinetic_energy=last.kinetic_energy, unbalanced_force=last.unbalanced_force,
+        overlap_mean=last.overlap_mean, overlap_max=last.overlap_max,
         floor_force=float(np.mean([s.floor_force for s in lately])),
         wall_force=float(np.mean([s.wall_force for s in lately])),
         n_contacts=int(last.n_contacts),
-    )
+    )  # fmt: skip

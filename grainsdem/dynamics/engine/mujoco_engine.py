@@ -100,6 +100,8 @@ class MujocoEngine:
         compiled = model.geom_friction[:, 0], model.geom_priority, model.geom_condim
         self._surfaces = _Surfaces(*(values.copy() for values in compiled))
         self._steps_of_contacts = np.round(model.geom_solref[:, 0] / model.opt.timestep, 6)
+        # To the bit as it will be when a run goes on.
+        model.geom_solref[:, 0] = self._steps_of_contacts * model.opt.timestep
         mujoco.mj_forward(model, self.data)
 
     @property
