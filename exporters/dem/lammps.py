@@ -101,6 +101,7 @@ LOSES = (
     "Edges are rounded: each grain is its faces moved inward and a sphere swept over the rest, inside what it was.",
     "Faces of more than four corners are cut; LAMMPS finds principal axes of its own.",
     "A domain's inclined planes are left out.",
+    "Where grains have frictions of their own, their mean stands for all, and for the walls.",
 )
 """What the format does not carry."""
 

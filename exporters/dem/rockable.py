@@ -83,6 +83,7 @@ LOSES = (
     "Edges are rounded: each grain is its faces moved inward and a sphere swept over the rest, inside what it was.",
     "Where densities differ, one stands for all, and the volume of a shape is its mass over that.",
     "Periodic axes become walls.",
+    "Where grains have frictions of their own, their mean stands for all, and for the walls.",
 )
 """What the format does not carry."""
 

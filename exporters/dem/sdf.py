@@ -139,6 +139,7 @@ LOSES = (
     "Drake takes gravity for 9.81 along -z and the time step from its caller, whatever the file says.",
     "PyBullet puts inertias of its own in place of the file's, and a margin around every shape.",
     "Periodic axes become walls.",
+    "Where grains have frictions of their own, their mean stands for all, and for the walls.",
 )
 """What the format does not carry."""
 

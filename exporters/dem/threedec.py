@@ -91,6 +91,7 @@ LOSES = (
     "Vertices have twelve significant digits; 3DEC finds masses and inertias itself from the densities.",
     "Poses are those of the vertices: which way a grain was turned is lost.",
     "Periodic axes become walls, and a domain's inclined planes are left out.",
+    "Where grains have frictions of their own, their mean stands for all, and for the walls.",
 )
 """What the format does not carry."""
 

@@ -144,6 +144,7 @@ Options = YadeOptions
 LOSES = (
     "Faces are those of the vertices' convex hull, which Yade finds itself.",
     "A bed that is periodic along all axes is moved to the origin; where only some are, they become walls.",
+    "Where grains have frictions of their own, their mean stands for all, and for the walls.",
 )
 """What the format does not carry."""
 

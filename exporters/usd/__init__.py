@@ -46,6 +46,7 @@ Options = UsdOptions
 LOSES = (
     "Points are in single precision about each grain's centre, masses and inertias in single precision.",
     "Periodic axes become walls; there are no others.",
+    "Where grains have frictions of their own, their mean stands for all.",
 )
 """What the format does not carry."""
 

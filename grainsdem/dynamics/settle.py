@@ -259,8 +259,7 @@ class SettleLoop(Loop):
 
     experiment = "settle"
     columns = SAMPLE_UNITS
-    bounces = False
-    """Whether contacts give back what they hold."""
+    bounces = False  # whether contacts give back what they hold
 
     def __init__(self, scene: Scene, record: Record, progress: Callable[[Progress], None] | None, limit: float) -> None:
         super().__init__(scene, record)
