@@ -10,11 +10,12 @@ import pytest
 from conftest import cube_packing
 from loading import check_that_it_goes_on, grow, grow_planar
 
-from exporters.mjcf import MjcfOptions, text
+from exporters.mjcf import MjcfOptions, text, units
 from exporters.rest import frictions, rest_of
 from grainsdem.dynamics import ensemble, settle, tap, triaxial, with_densities, with_frictions
+from grainsdem.dynamics.experiments.start import plate_friction
 from grainsdem.dynamics.mechanics import sliding_fraction, snapshot
-from grainsdem.dynamics.scene import build
+from grainsdem.dynamics.scene import build, equip, scene_of
 from grainsdem.errors import InputError, ShapeError
 from grainsdem.measures import diameters
 from grainsdem.model import Domain
@@ -117,6 +118,45 @@ def test_a_wall_that_is_made_smooth_goes_before_the_smoothest_grain(mixing):
     assert turned(scene, DEGREE) > 0.1
     scene.engine.make_smooth([])
     assert turned(scene, DEGREE) < 0.02
+
+
+@pytest.mark.client
+@pytest.mark.parametrize("mixing", ["max", "min"])
+@pytest.mark.parametrize(("friction", "limits"), [(None, [SMOOTH, ROUGH]), (0.45, [0.45, 0.45])])
+def test_a_part_is_as_rough_as_what_touches_it_or_has_its_own_friction(mixing, friction, limits):
+    bed = slabs([10.0, 10.0, 0.3], [10.0, 30.0, 0.3], friction=[SMOOTH, ROUGH])
+    options = MjcfOptions(mixing=mixing, walls="none")
+    d = units(bed).length
+    for k, limit in enumerate(limits):
+        way = []
+        for turn in (-DEGREE, DEGREE):
+            apparatus = equip(bed, options)
+            apparatus.add_shape(
+                None, "plate", "box", np.array([40.0, 40.0, 1.0]) / d, position=np.array([20.0, 20.0, -1.0]) / d,
+                friction=friction,
+            )  # fmt: skip
+            scene = scene_of(bed, apparatus.text(), 9.81)
+            way.append(turned(scene, np.arctan(limit) + turn)[k])
+        assert way[0] < 0.02
+        assert way[1] > 0.05
+
+
+@pytest.mark.unit
+def test_plates_are_to_grains_as_these_are_to_each_other():
+    bed = slabs([10.0, 10.0, 0.3], friction=[SMOOTH])
+    assert plate_friction(bed, None) is None
+    assert plate_friction(bed, 0.4) == 0.4
+    assert plate_friction(replace(bed, frictions=None), None) == 0.5
+
+
+@pytest.mark.unit
+def test_grains_and_walls_with_frictions_of_their_own_resist_rolling_too():
+    bed = slabs([10.0, 10.0, 0.3], [10.0, 30.0, 0.3], friction=[0.0, ROUGH])
+    model = mujoco.MjModel.from_xml_string(text(bed, MjcfOptions(rolling_friction=0.1, wall_friction={"floor": 0.0})))
+    assert model.geom_condim.tolist() == [6] * model.ngeom
+    np.testing.assert_allclose(model.geom_friction[:, 1:], 0.05)
+    plain = mujoco.MjModel.from_xml_string(text(bed, MjcfOptions(wall_friction={"floor": 0.0})))
+    assert [int(plain.geom(name).condim[0]) for name in ("floor", "g000000", "g000001")] == [1, 1, 3]
 
 
 @pytest.mark.client

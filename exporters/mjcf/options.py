@@ -49,8 +49,8 @@ class MjcfOptions:
         six dimensions instead of three, and steps take several times as long.
     restitution : float, optional
         Speed of a grain after a bounce over that before it [1], 0.3 to 0.7, for all contacts: a sphere bounces to its
-        square of the height that it falls from. Contacts are then as stiff as those of twice the time step, and beds
-        rest on overlaps more than four times as deep. As the bed came to rest by default, else contacts are damped
+        square of the height that it falls from. Contacts are then as stiff as those of twice the time step, and grains
+        rest on overlaps ten times as deep. As the bed came to rest by default, else contacts are damped
         until grains hardly bounce: 0.1, more or less by as much.
     gravity : float
         Acceleration [m/s²]; it is one in grain units.
