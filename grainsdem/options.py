@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import inspect
 import math
+import os
 import re
 from collections.abc import Mapping
 from types import UnionType
@@ -32,7 +33,26 @@ _LIMITS = {"gt": "above", "ge": "at least", "lt": "below", "le": "at most"}
 """Words for the limits of a range."""
 
 
-def option(help: str, unit: str = "", **limits: float) -> Any:  # noqa: A002  (what typer and argparse call it)
+class Note(NamedTuple):
+    """What is said of a parameter that is no option but how something is run, such as a function: no file can hold it.
+
+    Parameters
+    ----------
+    kind, words : str
+        Its type as a page tells it, and what it is.
+    """
+
+    kind: str
+    words: str
+
+
+def option(
+    help: str,  # noqa: A002  (what typer and argparse call it)
+    unit: str = "",
+    *,
+    is_path: bool = False,
+    **limits: float,
+) -> Any:
     """Return what an option's annotation carries.
 
     Parameters
@@ -41,6 +61,8 @@ def option(help: str, unit: str = "", **limits: float) -> Any:  # noqa: A002  (w
         What it is: one sentence, without unit, range and default, which are told beside it.
     unit : str
         Its unit, such as ``"Pa"``; none for a plain number or a word.
+    is_path : bool
+        Whether it is the path of a file; in a recipe, from the recipe's folder.
     **limits : float
         Its range: ``gt``, ``ge``, ``lt``, ``le``.
 
@@ -50,7 +72,8 @@ def option(help: str, unit: str = "", **limits: float) -> Any:  # noqa: A002  (w
     >>> Pressure = Annotated[float, option("Pressure of the walls.", "Pa", gt=0)]
     """
     told: dict[str, Any] = dict(limits)
-    return Field(description=help, json_schema_extra={"unit": unit} if unit else None, **told)
+    extra: Any = {**({"unit": unit} if unit else {}), **({"format": "path"} if is_path else {})}
+    return Field(description=help, json_schema_extra=extra or None, **told)
 
 
 def coefficients(given: object) -> object:
@@ -136,6 +159,26 @@ class Told(NamedTuple):
         return f"{self.help} [{notes}]" if notes else self.help
 
 
+def paths_of(model: type[BaseModel]) -> list[str]:
+    """Return the names of a model's options that are paths of files."""
+    return [
+        name
+        for name, field in model.model_fields.items()
+        if isinstance(field.json_schema_extra, dict) and field.json_schema_extra.get("format") == "path"
+    ]
+
+
+def notes_of(function: Callable[..., Any]) -> dict[str, tuple[Any, Note]]:
+    """Return the parameters of a function that are noted to be no options: their types, and what is said of them."""
+    found = {}
+    for parameter in inspect.signature(function).parameters.values():
+        kind = annotation_of(function, parameter)
+        for said in getattr(kind, "__metadata__", ()):
+            if isinstance(said, Note):
+                found[parameter.name] = kind, said
+    return found
+
+
 def _is_number(value: object) -> bool:
     return isinstance(value, int | float | np.number) and not isinstance(value, bool)
 
@@ -143,9 +186,10 @@ def _is_number(value: object) -> bool:
 def model_of(function: Callable[..., Any], name: str) -> type[BaseModel]:
     """Return the frozen model of a function's options: of its parameters whose annotation carries an `option`."""
     fields: dict[str, Any] = {}
+    notes = notes_of(function)
     for parameter in inspect.signature(function).parameters.values():
         kind = annotation_of(function, parameter)
-        if get_origin(kind) is Annotated:
+        if get_origin(kind) is Annotated and parameter.name not in notes:
             fields[parameter.name] = (kind, ... if parameter.default is parameter.empty else parameter.default)
     return create_model(name, __config__=STRICT, **fields)
 
@@ -168,12 +212,19 @@ def checked(model: type[BaseModel], given: Mapping[str, Any]) -> dict[str, Any]:
     InputError
         If an option is unknown, missing, of another type or out of range: each in one line, with what is allowed.
     """
-    plain = {name: value.item() if isinstance(value, np.generic) else value for name, value in given.items()}
+    plain = {name: _plain(value) for name, value in given.items()}
     try:
         values = dict(model.model_validate(plain))
     except ValidationError as error:
         raise InputError(explained(error, lambda _path: model)) from error
     return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
+
+
+def _plain(value: Any) -> Any:
+    """Return a number of NumPy or a path as Python's own number or text."""
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    return value.item() if isinstance(value, np.generic) else value
 
 
 def told_of(field: FieldInfo, name: str) -> Told:

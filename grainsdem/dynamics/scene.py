@@ -201,11 +201,11 @@ def refuse_periodic(packing: Packing) -> None:
         )
 
 
-def refuse_overlap(scene: Scene) -> None:
-    """Raise `InputError` where grains, or grains and walls, overlap so much that the start would explode."""
+def refuse_overlap(scene: Scene, advice: str = "") -> None:
+    """Raise `InputError` where grains, or grains and walls or parts, overlap so much that the start would explode."""
     depth, names = scene.engine.deepest_overlap()
     if depth > START_OVERLAP:
         raise InputError(
             f"the packing must not overlap by more than {START_OVERLAP:g} d at the start; "
-            f"{' and '.join(names)} overlap by {depth:.3g} d"
+            f"{' and '.join(names)} overlap by {depth:.3g} d, {depth * scene.units.length:.3g} m{advice}"
         )

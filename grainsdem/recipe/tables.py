@@ -219,6 +219,8 @@ def read(path: str | os.PathLike[str]) -> Recipe:
     except (UnicodeDecodeError, FileFormatError) as error:
         raise FileFormatError(f"{path}: {error}") from error
     recipe = recipe.model_copy(update={"seeds": recipe.seeds.beside(path.parent)})
+    tables = {name: table.beside(path.parent) for name, table in recipe.experiments().items() if table is not None}
+    recipe = recipe.model_copy(update=tables)
     sizes = recipe.grains.sizes
     if sizes is not None and sizes.path is not None:
         sizes = sizes.model_copy(update={"path": str(path.parent / sizes.path)})

@@ -10,7 +10,7 @@ import numpy as np
 from grainsdem.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
 
     from numpy.typing import ArrayLike
 
@@ -24,6 +24,9 @@ _GRAIN_INERTIA = 0.29
 """Mean of the mass and the moments of inertia of a sphere of unit diameter and density."""
 
 _PART = {"contype": "2", "conaffinity": "0"}
+
+_SOLID = {"contype": "2", "conaffinity": _GRAINS}
+"""What is not to pass through the container either."""
 
 
 class Apparatus:
@@ -91,11 +94,18 @@ class Apparatus:
         *,
         mass: float,
         parent: Element | None = None,
+        armatures: Mapping[str, float] | None = None,
     ) -> Element:
-        """Add a part that moves along or about its joints (name, ``slide`` or ``hinge``, axis), and return it."""
+        """Add a part that moves along or about its joints (name, ``slide`` or ``hinge``, axis), and return it.
+
+        Its moments of inertia are as large as its mass. A joint's armature is mass, or inertia, that only this joint
+        feels: what it drives keeps its speed through a step, and weighs no more.
+        """
         body = ET.Element("body", name=name, pos=_numbers(position))
         for joint, kind, axis in joints:
-            ET.SubElement(body, "joint", name=joint, type=kind, axis=_numbers(axis), limited="false")
+            added = ET.SubElement(body, "joint", name=joint, type=kind, axis=_numbers(axis), limited="false")
+            if armatures and joint in armatures:
+                added.set("armature", _numbers(armatures[joint]))
         moments = _numbers(np.full(3, mass))
         ET.SubElement(body, "inertial", pos="0 0 0", mass=_numbers(mass), diaginertia=moments)
         if parent is None:
@@ -114,22 +124,44 @@ class Apparatus:
         position: ArrayLike = (0.0, 0.0, 0.0),
         quaternion: ArrayLike = (1.0, 0.0, 0.0, 0.0),
         friction: float | None = 0.0,
+        is_solid: bool = False,
     ) -> None:
         """Add a ``box``, a ``sphere`` or a ``cylinder`` of half sizes to a part, or to the world.
 
-        Its friction is that with all grains; None for as among grains that have frictions of their own.
+        Its friction is that with all grains; None for as among grains that have frictions of their own. Where it
+        ``is_solid`` it does not pass through the container.
         """
         place = {"pos": _numbers(position), "quat": _numbers(quaternion)}
-        self._add(body, {"name": name, "type": kind, "size": _numbers(size), **place}, friction)
+        self._add(body, {"name": name, "type": kind, "size": _numbers(size), **place}, friction, is_solid)
 
-    def add_hull(self, body: Element | None, name: str, corners: ArrayLike, *, friction: float | None = 0.0) -> None:
+    def add_hull(
+        self, body: Element | None, name: str, corners: ArrayLike, *, friction: float | None = 0.0, is_solid: bool = False
+    ) -> None:
         """Add the convex hull of corners, shape (n, 3), in the part's frame, to a part or to the world."""
-        ET.SubElement(_find(self._root, "asset"), "mesh", name=name, vertex=_numbers(np.ravel(corners)))
-        self._add(body, {"name": name, "type": "mesh", "mesh": name}, friction)
+        self.add_mesh(name, corners)
+        self._add(body, {"name": name, "type": "mesh", "mesh": name}, friction, is_solid)
 
-    def _add(self, body: Element | None, attributes: dict[str, str], friction: float | None) -> None:
+    def add_mesh(self, name: str, corners: ArrayLike) -> None:
+        """Add corners, shape (n, 3), whose convex hull shapes can be."""
+        ET.SubElement(_find(self._root, "asset"), "mesh", name=name, vertex=_numbers(np.ravel(corners)))
+
+    def add_elements(self, elements: Iterable[Element]) -> None:
+        """Add bodies, and shapes of the world, as they stand; grains answer to their shapes, and so does the container.
+
+        Shapes without a coefficient of friction of their own have that of the grains.
+        """
+        for element in elements:
+            for shape in element.iter("geom"):
+                shape.attrib.update({"material": "wall", "priority": str(self._above_grains), **_SOLID})
+            self._insert(element)
+
+    def names(self, tag: str) -> set[str]:
+        """Return the names of all elements of a kind, such as ``body``."""
+        return {element.attrib["name"] for element in self._root.iter(tag) if "name" in element.attrib}
+
+    def _add(self, body: Element | None, attributes: dict[str, str], friction: float | None, is_solid: bool = False) -> None:
         """Add a shape to a part, or to the world."""
-        shape = ET.Element("geom", {**attributes, "material": "wall", **_PART})
+        shape = ET.Element("geom", {**attributes, "material": "wall", **(_SOLID if is_solid else _PART)})
         # MuJoCo takes the larger friction of a pair unless one has priority.
         shape.set("priority", "0" if friction is None else str(self._above_grains))
         shape.set("friction", _numbers(friction or 0.0))

@@ -169,6 +169,12 @@ class Engine(Protocol):
     def turn(self, name: str, speed: float) -> None:
         """Set the present speed of a joint of the apparatus; a heavy part keeps it through a step."""
 
+    def place(self, name: str, position: float) -> None:
+        """Put a joint of the apparatus at a position, with all that hangs on it."""
+
+    def reaction(self, name: str) -> float:
+        """Return the force, or torque, of contacts and limits along a joint of the apparatus in the last step."""
+
     def complaint(self) -> str:
         """Return what is wrong by the engine's own account, or nothing."""
 

@@ -200,6 +200,21 @@ class Member(MujocoEngine):
         self._fetch()
         return super().deepest_overlap()
 
+    def reaction(self, name: str) -> float:
+        """Return the force, or torque, of contacts and limits along a joint of the apparatus in the last step."""
+        self._fetch()
+        return super().reaction(name)
+
+    def place(self, name: str, position: float) -> None:
+        """Put a joint of the apparatus at a position, with all that hangs on it."""
+        self._fetch()  # which would put it back later
+        super().place(name, position)
+
+    def turn(self, name: str, speed: float) -> None:
+        """Set the present speed of a joint of the apparatus; a heavy part keeps it through a step."""
+        self._fetch()
+        super().turn(name, speed)
+
     def complaint(self) -> str:
         """Return what is wrong by MuJoCo's own account, or nothing."""
         self._fetch()

@@ -335,6 +335,14 @@ class MujocoEngine:
         """Set the present speed of a joint of the apparatus; a heavy part keeps it through a step."""
         self.data.qvel[self._axles[name][1]] = speed
 
+    def place(self, name: str, position: float) -> None:
+        """Put a joint of the apparatus at a position, with all that hangs on it."""
+        self.data.qpos[self._axles[name][0]] = position
+
+    def reaction(self, name: str) -> float:
+        """Return the force, or torque, of contacts and limits along a joint of the apparatus in the last step."""
+        return float(self.data.qfrc_constraint[self._axles[name][1]])
+
     def muted(self) -> AbstractContextManager[list[str]]:
         """Collect MuJoCo's warnings while a block lasts."""
         return quiet()

@@ -4,6 +4,10 @@ from grainsdem.dynamics.experiments.collapse import CollapseReport, collapse
 from grainsdem.dynamics.experiments.direct_shear import DirectShearReport, direct_shear
 from grainsdem.dynamics.experiments.drums.drum import DrumReport, drum
 from grainsdem.dynamics.experiments.loading import Staged
+from grainsdem.dynamics.experiments.parts.joined.driving import PartState
+from grainsdem.dynamics.experiments.parts.joined.own_part import OwnPartReport, own_part
+from grainsdem.dynamics.experiments.parts.pushed.penetration import penetration
+from grainsdem.dynamics.experiments.parts.pushed.told import PenetrationReport
 from grainsdem.dynamics.experiments.registry import Experiment, experiment
 from grainsdem.dynamics.experiments.resting import Resting, pour
 from grainsdem.dynamics.experiments.rig import JsonReport, Outcome, Trial, assemble
@@ -27,6 +31,9 @@ __all__ = [
     "Gravity",
     "JsonReport",
     "Outcome",
+    "OwnPartReport",
+    "PartState",
+    "PenetrationReport",
     "Resting",
     "RingReport",
     "Run",
@@ -45,6 +52,8 @@ __all__ = [
     "feed",
     "in_block",
     "options_of",
+    "own_part",
+    "penetration",
     "pour",
     "ring_shear",
     "tilt",

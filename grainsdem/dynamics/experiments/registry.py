@@ -21,7 +21,7 @@ from grainsdem.dynamics.experiments.shared import DEFAULTS, NOTES, Run
 from grainsdem.dynamics.loop import Record
 from grainsdem.dynamics.mechanics import snapshot
 from grainsdem.errors import InputError, MissingPackageError
-from grainsdem.options import STRICT, checked, model_of, told_of
+from grainsdem.options import STRICT, checked, model_of, notes_of, told_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -48,6 +48,8 @@ BUILT_IN: dict[str, str] = {
     "discharge": "grainsdem.dynamics.experiments.streams.discharge",
     "feed": "grainsdem.dynamics.experiments.streams.feed",
     "drum": "grainsdem.dynamics.experiments.drums.drum",
+    "penetration": "grainsdem.dynamics.experiments.parts.pushed.penetration",
+    "own_part": "grainsdem.dynamics.experiments.parts.joined.own_part",
 }
 """Experiments of ours, in the order in which a recipe runs them, and the modules that they are in."""
 
@@ -76,6 +78,8 @@ class Experiment:
         Whether the whole history is drawn, and not only its second stage.
     needs_seed : bool
         Whether grains are set apart always, so that they cannot start where they are.
+    notes : dict of str to tuple of str
+        Types and sentences of what is no option but how it is run, `NOTES` and its own: only Python has these.
     """
 
     name: str
@@ -84,6 +88,7 @@ class Experiment:
     panels: Panels
     whole: bool
     needs_seed: bool
+    notes: Mapping[str, tuple[str, str]]
 
     @property
     def summary(self) -> str:
@@ -152,20 +157,22 @@ def experiment(
 
     def decorate(setup: Callable[P, Trial[Report]]) -> Callable[P, Outcome[Report]]:
         name, options = setup.__name__, _options(setup)
+        own = notes_of(setup)
+        notes = {**{key: (note.kind, note.words) for key, (_, note) in own.items()}, **NOTES}
 
         @functools.wraps(setup)
         def run(*args: P.args, **kwargs: P.kwargs) -> Outcome[Report]:
             bound = signature.bind(*args, **kwargs)
             packing = bound.arguments.pop("packing")
-            apart = {key: bound.arguments.pop(key, DEFAULTS[key]) for key in NOTES}
+            apart = {key: bound.arguments.pop(key, signature.parameters[key].default) for key in notes}
             values = checked(options, bound.arguments)
             trial = cast("Callable[..., Trial[Report]]", setup)(packing, **values, **apart)
             return _performed(_found[name], trial, values, apart)
 
         signature = _signature(setup, options)
         run.__signature__ = signature  # type: ignore[attr-defined]
-        run.__doc__ = _documented(setup.__doc__ or "", options)
-        _found[name] = Experiment(name, run, options, panels, whole, needs_seed)
+        run.__doc__ = _documented(setup.__doc__ or "", options, notes)
+        _found[name] = Experiment(name, run, options, panels, whole, needs_seed, notes)
         return run
 
     return decorate
@@ -269,11 +276,13 @@ def _signature(setup: Callable[..., Any], options: type[BaseModel]) -> inspect.S
         )
         for name, field in options.model_fields.items()
     ]  # fmt: skip
+    given = inspect.signature(setup).parameters
+    noted = [given[name].replace(annotation=kind) for name, (kind, _) in notes_of(setup).items()]
     rest = [inspect.Parameter(name, keyword, default=DEFAULTS[name], annotation=NOTES[name][0]) for name in NOTES]
-    return inspect.Signature([*first, *own, *rest], return_annotation=Outcome)
+    return inspect.Signature([*first, *own, *noted, *rest], return_annotation=Outcome)
 
 
-def _documented(text: str, options: type[BaseModel]) -> str:
+def _documented(text: str, options: type[BaseModel], notes: Mapping[str, tuple[str, str]]) -> str:
     """Return a docstring with the options behind what its section of parameters says of the packing."""
     lines = []
     for name, field in options.model_fields.items():
@@ -281,15 +290,15 @@ def _documented(text: str, options: type[BaseModel]) -> str:
         unit = f" [{told.unit}]" if told.unit else ""
         allowed = f" ({told.allowed})" if told.allowed else ""
         lines += [f"{name} : {told.kind}", *_wrapped(f"{told.help.removesuffix('.')}{unit}{allowed}.")]
-    for name, (kind, words) in NOTES.items():
+    for name, (kind, words) in notes.items():
         lines += [f"{name} : {kind}", *_wrapped(words)]
     head, rest = _parted(inspect.cleandoc(text), "Returns")
-    raises, notes = _parted(rest, "Notes")
+    raises, remarks = _parted(rest, "Notes")
     if "\nParameters\n" not in head:
         head = f"{head}\n\nParameters\n----------\npacking : Packing\n    The grains."
     if "Raises\n" not in raises:
         raises = f"{raises}\n\nRaises\n------".strip()
-    parts = ["\n".join([head, *lines]), "\n".join([raises, *UNSTABLE]), notes]
+    parts = ["\n".join([head, *lines]), "\n".join([raises, *UNSTABLE]), remarks]
     return "\n\n".join(part for part in parts if part)
 
 

@@ -75,6 +75,9 @@ class Resting(Trial[Report]):
         """Do what the second stage begins with, also where a run goes on in it."""
         raise NotImplementedError
 
+    def arrange(self) -> None:
+        """Do once, before `mark`, what the second stage begins with and the engine's state keeps: places and speeds."""
+
     def words(self, now: Any) -> str:
         """Return a few words on a sample of the second stage."""
         return f"{now.kinetic_energy:.0e} m g d"
@@ -108,6 +111,7 @@ class Resting(Trial[Report]):
         self.tell(0.0, f"coming to rest: {now.kinetic_energy:.0e} → {REST_ENERGY:.0e} m g d")
         at_rest = self.is_at_rest()
         if at_rest or now.time > POURING_LIMIT:
+            self.arrange()
             self.begun = {"time": now.time, "is_at_rest": at_rest, **self.mark(now)}
             self.act()
 

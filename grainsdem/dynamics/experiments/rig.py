@@ -126,7 +126,10 @@ class Trial(Loop, Generic[Report]):
     def in_si(self, row: Any) -> Any:
         """Return a sample as it is stored: in the units of the columns."""
         scales = self.scene.units
-        factors = {"s": scales.time, "m": scales.length, "Pa": scales.stress, "kg": scales.mass}
+        factors = {
+            "s": scales.time, "m": scales.length, "Pa": scales.stress, "m/s": scales.velocity, "N": scales.force,
+            "N m": scales.energy, "J": scales.energy, "rad/s": 1 / scales.time, "kg": scales.mass,
+        }  # fmt: skip
         return row._replace(
             **{name: getattr(row, name) * factors[unit] for name, unit in self.columns.items() if unit in factors}
         )
@@ -178,7 +181,12 @@ class Trial(Loop, Generic[Report]):
 
 
 def assemble(
-    packing: Packing, options: MjcfOptions, furnish: Callable[[Apparatus], None] | None = None, *, spheres: bool = False
+    packing: Packing,
+    options: MjcfOptions,
+    furnish: Callable[[Apparatus], None] | None = None,
+    *,
+    spheres: bool = False,
+    advice: str = "",
 ) -> Scene:
     """Return the scene of a packing in an apparatus.
 
@@ -192,6 +200,8 @@ def assemble(
         Adds the apparatus, where there is one besides the packing's own container.
     spheres : bool
         Whether the grains, which are spheres as well as polyhedra can be, are simulated as perfect ones.
+    advice : str
+        What the error says besides where something overlaps.
 
     Raises
     ------
@@ -202,5 +212,5 @@ def assemble(
     if furnish is not None:
         furnish(apparatus)
     scene = scene_of(packing, apparatus.text(), options.gravity, are_spheres=spheres)
-    refuse_overlap(scene)
+    refuse_overlap(scene, advice)
     return scene

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import ConfigDict, Field, create_model, model_validator
 
 from grainsdem.dynamics.experiments.registry import Experiment, known
-from grainsdem.options import STRICT
+from grainsdem.options import STRICT, paths_of
 from grainsdem.recipe.base import Table
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 class ExperimentTable(Table):
@@ -44,6 +47,12 @@ class ExperimentTable(Table):
     def options(self) -> dict[str, Any]:
         """Return the options of the function."""
         return self.model_dump(exclude={"start", "seeds"})
+
+    def beside(self, folder: Path) -> Self:
+        """Return the table with its files found in a folder."""
+        files = {name: getattr(self, name) for name in paths_of(self.experiment.options)}
+        given = {name: str(folder / file) for name, file in files.items() if file is not None}
+        return self.model_copy(update=given)
 
 
 @lru_cache(maxsize=1)

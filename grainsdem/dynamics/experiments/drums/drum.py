@@ -299,12 +299,6 @@ class _Drum(Resting[DrumReport]):
             mixing=float(np.nan_to_num(mixing)),
         )
 
-    def in_si(self, row: DrumSample) -> DrumSample:
-        """Return a sample as it is stored."""
-        stored: DrumSample = super().in_si(row)
-        joule = self.scene.units.energy
-        return stored._replace(torque=row.torque * joule, lift_torque=row.lift_torque * joule)
-
     def is_over(self) -> bool:
         """Return whether the drum has turned as often as it should."""
         return self.begun is not None and self.samples[-1].turns >= self.n_turns

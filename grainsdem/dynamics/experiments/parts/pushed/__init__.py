@@ -1,0 +1,1 @@
+"""Bodies of simple shapes, or of a mesh, that are pressed, dropped or rolled into a bed."""
