@@ -2,11 +2,14 @@ from __future__ import annotations
 
 import json
 
+import numpy as np
 import pytest
+from conftest import cube_packing
 from loading import grow
 from typer.testing import CliRunner
 
 from grainsdem.cli import app
+from grainsdem.model import Domain
 from grainsdem.storage import load, load_history, save
 
 pytestmark = pytest.mark.client
@@ -57,6 +60,45 @@ def test_walls_have_friction_of_their_own_by_the_command_and_in_ensembles(bed, t
     run("ensemble", "collapse", bed, "max_time=0.2", f"wall_friction={words}", "--seeds", 1, "--quiet")
 
 
+@pytest.fixture(scope="module")
+def one(tmp_path_factory):
+    """A cube of a millimetre that lies on the floor."""
+    cube = cube_packing([[2e-3, 2e-3, 0.5e-3]], half=0.5e-3, domain=Domain.cube(4e-3), density=2000.0)
+    return str(save(cube, tmp_path_factory.mktemp("one") / "one.h5"))
+
+
+def test_a_body_is_dropped_and_told_with_its_force(one, tmp_path):
+    result = run(
+        "penetration", one, tmp_path / "hit.h5", "--start", "place", "--mode", "drop", "--body", "sphere",
+        "--mass", 1e-5, "--figure", tmp_path / "hit.png", "--history", tmp_path / "history.h5", "--json",
+    )  # fmt: skip
+    told = json.loads(result.stdout)
+    assert told["final_force"] == pytest.approx(9.81e-5, rel=0.01)
+    assert told["stiffness"] is None
+    assert load_history(tmp_path / "history.h5")["depth"][-1] == pytest.approx(told["final_depth"])
+    assert (tmp_path / "hit.png").stat().st_size > 1000
+
+
+FINGER = """<mujoco><worldbody><body name="finger" pos="0 0 2e-3"><joint name="press" type="slide" axis="0 0 1"/>
+<geom type="sphere" size="0.5e-3"/></body></worldbody></mujoco>"""
+
+
+def test_a_part_of_ones_own_is_driven_by_a_table_and_told(one, tmp_path):
+    (tmp_path / "finger.xml").write_text(FINGER)
+    (tmp_path / "down.csv").write_text("time,press:force\n0,0\n0.01,-1e-4\n0.04,-1e-4\n")
+    result = run(
+        "own-part", one, tmp_path / "touched.h5", "--start", "place", "--model", tmp_path / "finger.xml", "--motion",
+        tmp_path / "down.csv", "--x", 2e-3, "--y", 2e-3, "--rest", 0, "--history", tmp_path / "history.h5",
+    )  # fmt: skip
+    assert "carried mass, kg" in result.stdout
+    history = load_history(tmp_path / "history.h5")
+    weight = 1000.0 * np.pi / 6 * 1e-9 * 9.81
+    # The last sample but one ends before the table does.
+    assert history["force_z"][-2] == pytest.approx(1e-4 + weight, rel=0.02)
+    np.testing.assert_allclose(history["press_force"], history["force_z"], rtol=1e-6, atol=1e-9)
+    assert '"model": "finger.xml"' in load(tmp_path / "touched.h5").provenance[-1]
+
+
 @pytest.mark.slow
 def test_an_ensemble_of_tilted_beds_is_told_with_its_interval(bed):
     result = run("ensemble", "tilt", bed, "rate=0.05", "max_angle=0.05", "spheres=true", "--seeds", 2, "--json")
@@ -84,6 +126,9 @@ def test_an_ensemble_of_tilted_beds_is_told_with_its_interval(bed):
             "wall_friction: must be zero or more and finite, or such numbers by name",
         ),
         (("tilt", "--restitution", 0.9), "restitution: input should be less than or equal to 0.7; got 0.9"),
+        (("penetration", "--mode", "drop", "--depth", 1e-3), "depth is an option of mode 'press'"),
+        (("own-part",), "model: missing; give the path of a file for MuJoCo with the part"),
+        (("own-part", "--model", "nowhere.xml"), "nowhere.xml: no such file"),
         (("tilt", "--figure", "curve.pdf"), "written as .png"),
         (("tilt", "--forces", "forces.txt"), "contacts are written as .csv, .parquet, .graphml or .vtp; got '.txt'"),
     ],

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 from conftest import cube_packing
+from loading import check_that_it_goes_on
 
 from exporters import mjcf
 from grainsdem.dynamics import own_part, penetration
@@ -311,3 +312,68 @@ def test_joints_do_what_a_function_says_in_si(aside, part):
     last = outcome.packing.provenance[-1]
     assert '"model": "part.xml"' in last
     assert "drive" in last
+
+
+@pytest.mark.client
+def test_a_wedge_in_a_plane_meets_nothing_before_it_touches():
+    bed = cube_packing([[4.5, 1.0, 1.0]], domain=Domain.slab((9.0, 8.0), 2.0))
+    outcome = penetration(bed, body="cone", mode="drop", width=1.0, height=1.0, mass=20.0)
+    history = outcome.history
+    assert np.all(history["force_y"][history["depth"] < -0.02] == 0)
+    assert np.all(history["force_z"] == 0)
+    assert outcome.report.final_force == pytest.approx(20.0 * 9.81, rel=0.01)
+
+
+@pytest.mark.client
+@pytest.mark.parametrize("planar", [False, True])
+def test_a_wheel_that_slips_on_a_plain_floor_pulls_with_its_friction(aside, planar):
+    bed = cube_packing([[10.95, 1.0, 1.0]], domain=Domain.slab((12.0, 8.0), 2.0)) if planar else aside
+    options = {"friction": 0.4, "load": 300.0, "width": 2.0, "travel": 1.0, "angular_speed": 2.0}
+    outcome = penetration(bed, body="wheel", mode="roll", slip=0.5, **options)
+    goes = outcome.history["travel"] > 0.15
+    forward, upward, torque = (
+        outcome.history[k][goes] for k in ("force_x", "force_y" if planar else "force_z", "torque")
+    )
+    # It hops a little: its load is what it presses with in the mean only.
+    np.testing.assert_allclose(forward, 0.4 * upward, rtol=0.02)
+    np.testing.assert_allclose(torque, 1.0 * forward, rtol=0.02)
+    assert upward.mean() == pytest.approx(300.0, rel=0.1)
+    assert outcome.report.sinkage == pytest.approx(0.0, abs=0.03)
+    braked = penetration(bed, body="wheel", mode="roll", forward_speed=3.0, **options).report
+    assert braked.slip == pytest.approx(-0.5, abs=1e-9)
+    assert braked.drawbar_pull == pytest.approx(-0.4 * 300.0, rel=0.1)
+
+
+@pytest.mark.client
+def test_penetration_goes_on_after_a_kill_to_the_same_bits(tmp_path):
+    bed = cube_packing([[6.0, 6.0, 1.0]], domain=Domain.box((12.0, 12.0, 8.0)))
+    check_that_it_goes_on(penetration, bed, tmp_path, samples=20, mode="drop", body="sphere", height=1.0)
+
+
+@pytest.mark.client
+@pytest.mark.parametrize("driven", ["table", "function"])
+def test_a_part_goes_on_after_a_kill_to_the_same_bits(aside, part, tmp_path, driven):
+    def drive(time, state):
+        return {"slide": 0.2 * time, "turn:force": -3.0 * state.speeds["turn"]}
+
+    (tmp_path / "motion.csv").write_text("time,slide,turn:force\n0,0,0\n1,0.5,0.2\n")
+    driving = {"motion": str(tmp_path / "motion.csv")} if driven == "table" else {"drive": drive, "duration": 1.0}
+    check_that_it_goes_on(own_part, aside, tmp_path, samples=18, model=part, rest=2.0, x=4.0, y=4.0, **driving)
+    options = {"model": part, "rest": 2.0, "x": 4.0, "y": 4.0, "history_path": tmp_path / "other.h5", **driving}
+    with pytest.raises(KeyboardInterrupt):
+        own_part(aside, progress=_interrupt_after(18), **options)
+    if driven == "table":
+        (tmp_path / "motion.csv").write_text("time,slide,turn:force\n0,0,0\n1,0.4,0.2\n")
+        with pytest.raises(InputError, match="begun otherwise and cannot go on: driver"):
+            own_part(aside, resume=True, **options)
+
+
+def _interrupt_after(samples):
+    heard = []
+
+    def tell(_fraction, _words):
+        heard.append(None)
+        if len(heard) == samples:
+            raise KeyboardInterrupt
+
+    return tell

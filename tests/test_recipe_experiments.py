@@ -4,9 +4,10 @@ import json
 import pickle
 
 import pytest
+import trimesh
 
 from grainsdem.errors import InputError
-from grainsdem.recipe import make, run
+from grainsdem.recipe import make, read, run
 from grainsdem.recipe.experiments import experiment_tables
 from grainsdem.storage import load, load_history
 
@@ -32,6 +33,51 @@ def test_a_recipes_experiments_are_run_and_written(tmp_path):
     assert {"triaxial_forces.vtp", "triaxial_forces.png"} <= names
     assert {"triaxial.h5", "triaxial_history.h5", "triaxial.png", "0.h5", "1.h5"} <= names
     assert all(path.exists() for path in result.files)
+
+
+@pytest.mark.client
+def test_a_recipes_parts_lie_beside_it(tmp_path):
+    (tmp_path / "files").mkdir()
+    (tmp_path / "files" / "rod.xml").write_text(
+        '<mujoco><worldbody><body name="rod" pos="0.5e-3 0.5e-3 0"><joint name="down" type="slide" axis="0 0 1"/>'
+        '<geom type="sphere" size="0.2e-3"/></body></worldbody></mujoco>'
+    )
+    (tmp_path / "files" / "down.csv").write_text("time,down\n0,0\n0.01,-1e-4\n")
+    trimesh.creation.icosahedron().export(tmp_path / "files" / "stone.stl")
+    recipe = tmp_path / "bed.toml"
+    recipe.write_text("""
+        [domain]
+        side = 2e-3
+        [seeds]
+        count = 8
+        [grains]
+        porosity = 0.4
+        keep = "all"
+        [penetration]
+        mesh = "files/stone.stl"
+        scale = 0.4e-3
+        mode = "drop"
+        max_time = 1.0
+        start = "place"
+        [own_part]
+        model = "files/rod.xml"
+        motion = "files/down.csv"
+        z = 2.5e-3
+        rest = 0.0
+        start = "place"
+        [output]
+        formats = []
+        figures = false
+    """)
+    wanted = read(recipe)
+    assert wanted.experiments()["own_part"].options()["motion"] == str(tmp_path / "files" / "down.csv")
+    run(wanted, tmp_path / "made")
+    told = json.loads((tmp_path / "made" / "summary.json").read_text())
+    assert told["penetration"]["work"] > 0
+    assert load_history(tmp_path / "made" / "own_part_history.h5")["down"][-1] == pytest.approx(-1e-4, rel=0.05)
+    last = load(tmp_path / "made" / "penetration.h5").provenance[-1]
+    assert '"mesh": "stone.stl"' in last
+    assert str(tmp_path) not in last
 
 
 @pytest.mark.unit

@@ -51,6 +51,14 @@ LAST: dict[str, tuple[Any, Any]] = {
 """Those behind them."""
 
 
+UNITS = {
+    "pressure": "Pa", "stress": "Pa", "height": "m", "run_out": "m", "time": "s", "force": "N", "pull": "N",
+    "depth": "m", "sinkage": "m", "distance": "m", "stiffness": "N/m", "torque": "N m", "work": "J", "dissipated": "J",
+    "mass": "kg",
+}  # fmt: skip
+"""Units of what a report tells, by the words of its name."""
+
+
 class Commands(TyperGroup):
     """Our commands, and one for each experiment, made when it is asked for: most commands need no engine."""
 
@@ -253,8 +261,7 @@ def _title(name: str) -> str:
     words = name.replace("_", " ")
     if "angle" in name:
         return f"{words}, °"
-    units = {"pressure": "Pa", "stress": "Pa", "height": "m", "run_out": "m", "time": "s"}
-    unit = next((u for word, u in units.items() if name.endswith(word) and "half" not in name), "")
+    unit = next((u for word, u in UNITS.items() if f"_{word}_" in f"_{name}_" and "half" not in name), "")
     return f"{words}, {unit}" if unit and not name.startswith("relative") else words
 
 

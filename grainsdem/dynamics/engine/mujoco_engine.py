@@ -295,8 +295,13 @@ class MujocoEngine:
         if not distances.size or distances.min() >= 0:
             return 0.0, ("", "")
         worst = int(np.argmin(distances))
-        one, two = (self.model.body(b).name for b in self.model.geom_bodyid[self.data.contact.geom[worst]])
+        one, two = (self._name_of_shape(geom) for geom in self.data.contact.geom[worst].tolist())
         return float(-distances[worst]), (one, two)
+
+    def _name_of_shape(self, geom: int) -> str:
+        """Return the name of the grain or part that a shape belongs to."""
+        number = int(self._id_of_geom[geom])
+        return f"g{number:06d}" if number >= 0 else self.parts[-1 - number]
 
     def _read(self, data: Any) -> Contacts:
         """Return the contact points that carry force in ``data``, as the last solve left them."""

@@ -57,8 +57,8 @@ FIXED = {
 }
 """Columns before those of the joints."""
 
-LAST = 5
-"""Samples at the end that a final force is the mean of: √(d/g), as many as are to be at rest."""
+LAST = 4
+"""Samples at the end whose forces are averaged: the first of five at rest tells of the time before it, too."""
 
 ADVICE = "; move the part (x, y, z), or settle the bed first and let it start in place (rng=None, --start place)"
 
@@ -70,7 +70,7 @@ class OwnPartReport(RunReport):
     Parameters
     ----------
     final_force_x, final_force_y, final_force_z : float
-        Force on the part, mean over the last √(d/g) [N].
+        Force on the part, mean over the last 0.8 √(d/g) [N].
     largest_force : float
         Largest size of the force while it was driven [N].
     borne_mass : float

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-LAST = 5
-"""Samples at the end that a final force is the mean of: √(d/g), as many as are to be at rest."""
+LAST = 4
+"""Samples at the end whose forces are averaged: the first of five at rest tells of the time before it, too."""
 
 
 class PenetrationSample(NamedTuple):
@@ -92,7 +92,7 @@ class PenetrationReport(RunReport):
     Parameters
     ----------
     largest_force, final_force : float
-        Largest upward force on it, and the mean over the last √(d/g) [N].
+        Largest upward force on it, and the mean over the last 0.8 √(d/g) [N].
     final_depth : float
         Of its lowest point below the highest grain in its way, before it came [m].
     force_along_x, force_along_y : float
