@@ -1,4 +1,4 @@
-"""Press a plate and a cone into a bed, and roll a wheel over one at several slips.
+"""Press a plate and a wedge into a bed of discs in a plane, and roll a wheel over one at several slips.
 
 Prints how force rises with depth, and drawbar pull and sinkage of the wheel, and draws them. Run with ``--quick`` for
 fewer grains and one seed.
@@ -15,34 +15,28 @@ import grainsdem as gd
 from grainsdem.figures.curves import Panel, curve_figure
 
 
-def make_grains(n: int) -> gd.Packing:
-    """Return grains of about a millimetre in a box a third wider than the bed will be high."""
-    domain = gd.Domain.box(1e-3 * n ** (1 / 3) * np.array([1.2, 1.2, 0.8]))
-    seeds = gd.relax(gd.points.poisson(domain, n, rng=1), domain, iterations=2)
-    return gd.shrink(gd.carve(gd.tessellate(seeds, domain), keep="all"), porosity=0.4)
-
-
-def make_prisms(n: int) -> gd.Packing:
-    """Return grains of about a millimetre in a plane, four times as long as high."""
-    domain = gd.Domain.slab(1e-3 * np.array([2.0, 0.5]) * n**0.5, 1e-3)
+def make_prisms(n: int, shape: tuple[float, float]) -> gd.Packing:
+    """Return n grains of about a millimetre in a plane, whose box has sides like these two numbers."""
+    domain = gd.Domain.slab(1e-3 * np.array(shape) * (n / np.prod(shape)) ** 0.5, 1e-3)
     cells = gd.tessellate(gd.relax(gd.points.poisson(domain, n, rng=1), domain, iterations=2), domain)
     return gd.shrink(gd.carve(cells, keep="all"), porosity=0.25)
 
 
 def main() -> None:
-    """Print and draw what the bed does to a plate, a cone and a wheel."""
+    """Print and draw what the bed does to a plate, a wedge and a wheel."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="fewer grains, one seed")
     parser.add_argument("--output", type=Path, default=Path(), help="folder for the figure")
     arguments = parser.parse_args()
-    n, n_prisms, seeds, slips = (20, 16, 1, (0.2,)) if arguments.quick else (150, 90, 5, (0.0, 0.2, 0.4, 0.6, 0.8))
-    grains, prisms = make_grains(n), make_prisms(n_prisms)
-    size = {"width": 0.8e-3, "depth": 0.3e-3} if arguments.quick else {"width": 2e-3, "depth": 1.8e-3}
+    n, seeds, slips = (16, 1, (0.2,)) if arguments.quick else (110, 4, (0.0, 0.3, 0.7))
+    deep, long = make_prisms(n, (1.2, 1.0)), make_prisms(n, (4.0, 1.0))
+    size = {"width": 1e-3, "depth": 0.3e-3} if arguments.quick else {"width": 2.5e-3, "depth": 2e-3}
+    radius, speed = (0.5e-3, 0.02) if arguments.quick else (2e-3, 0.02)
     curves = {}
     for body in ("plate", "cone"):
         runs = gd.ensemble(
             gd.dynamics.penetration,
-            grains,
+            deep,
             seeds=seeds,
             through="processes",
             workers=1,
@@ -53,21 +47,23 @@ def main() -> None:
         mean, spread = runs.mean(), runs.half_width()
         print(
             f"{body}: {1e3 * mean['stiffness']:.3g} ± {1e3 * spread['stiffness']:.2g} mN/m, exponent "
-            f"{mean['exponent']:.2f} ± {spread['exponent']:.2f}, level forces {1e3 * mean['force_along_x']:+.3f} and "
-            f"{1e3 * mean['force_along_y']:+.3f} mN beside {1e3 * mean['largest_force']:.3f} mN upward"
+            f"{mean['exponent']:.2f} ± {spread['exponent']:.2f}, level force "
+            f"{1e3 * mean['force_along_x']:+.3f} ± {1e3 * spread['force_along_x']:.3f} mN, largest upward "
+            f"{1e3 * mean['largest_force']:.1f} mN"
         )
-        depth, force, half = runs.curve("depth", "force_z", points=30)
+        depth, force, half = runs.curve("depth", "force_y", points=20)
         curves[body] = 1e3 * depth, 1e3 * force, 1e3 * half
     rows = []
     for slip in slips:
         runs = gd.ensemble(
-            gd.dynamics.penetration, prisms, seeds=seeds, through="processes", workers=1, body="wheel", mode="roll",
-            spheres=True, slip=slip, load=4e-4, width=0.8e-3 if arguments.quick else 4e-3,
+            gd.dynamics.penetration, long, seeds=seeds, through="processes", workers=1, body="wheel", mode="roll",
+            spheres=True, width=2 * radius, load=4e-4, forward_speed=speed, angular_speed=speed / radius / (1 - slip),
+            travel=4e-3,
         )  # fmt: skip
         mean, spread = runs.mean(), runs.half_width()
         rows.append([slip, *(f * m[k] for k, f in (("drawbar_pull", 2500), ("sinkage", 1e3)) for m in (mean, spread))])
         print(
-            f"wheel in a plane, slip {slip}: drawbar pull {rows[-1][1]:+.2f} ± {rows[-1][2]:.2f} of its load, sinkage "
+            f"wheel, slip {slip}: drawbar pull {rows[-1][1]:+.2f} ± {rows[-1][2]:.2f} of its load, sinkage "
             f"{rows[-1][3]:.2f} ± {rows[-1][4]:.2f} mm"
         )
     slip, pull, pull_half, sinkage, sinkage_half = np.array(rows).T

@@ -377,3 +377,33 @@ def _interrupt_after(samples):
             raise KeyboardInterrupt
 
     return tell
+
+
+BUCKET = """<mujoco><worldbody><body name="bucket" pos="3 3 0.4">
+  <joint name="lift" type="slide" axis="0 0 1"/>
+  <geom type="box" size="1.6 1.6 0.1"/>
+  <geom type="box" size="0.1 1.6 1" pos="-1.5 0 1"/> <geom type="box" size="0.1 1.6 1" pos="1.5 0 1"/>
+  <geom type="box" size="1.6 0.1 1" pos="0 -1.5 1"/> <geom type="box" size="1.6 0.1 1" pos="0 1.5 1"/>
+</body></worldbody></mujoco>"""
+
+
+@pytest.mark.client
+@pytest.mark.parametrize("spheres", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_what_a_bucket_lifts_is_the_weight_of_what_is_in_it(tmp_path, spheres):
+    inside = [[2.3, 2.4, 1.2], [3.6, 2.5, 1.3], [2.4, 3.6, 1.4], [3.6, 3.5, 1.25], [3.0, 3.0, 2.6]]
+    bed = cube_packing([*inside, [8.0, 3.0, 0.5]], half=0.4 if spheres else 0.5, domain=Domain.box((10.0, 6.0, 8.0)))
+    (tmp_path / "bucket.xml").write_text(BUCKET)
+    (tmp_path / "lift.csv").write_text("time,lift\n0,0\n1,2\n")
+    outcome = own_part(
+        bed, model=str(tmp_path / "bucket.xml"), motion=str(tmp_path / "lift.csv"), rest=8.0, part_friction=0.5,
+        spheres=spheres, rolling_friction=0.1 if spheres else 0.0,
+    )  # fmt: skip
+    report, history = outcome.report, outcome.history
+    assert history["lift"][-1] == pytest.approx(2.0, abs=1e-3)
+    assert report.carried_grains == 5
+    mass = 5 * (0.8**3 if spheres else 1.0)
+    assert report.carried_mass == pytest.approx(mass, rel=1e-9)
+    assert report.borne_mass == pytest.approx(mass, rel=0.03)
+    assert abs(report.final_force_x) + abs(report.final_force_y) < 0.03 * mass * 9.81
+    np.testing.assert_allclose(history["lift_force"], history["force_z"], rtol=1e-6, atol=1e-6)
+    assert np.flatnonzero(outcome.packing.positions[:, 2] > 2.0).tolist() == [0, 1, 2, 3, 4]

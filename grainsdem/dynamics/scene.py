@@ -197,7 +197,8 @@ def refuse_periodic(packing: Packing) -> None:
     """Raise `InputError` where a packing has periodic axes."""
     if packing.domain.periodic.any():
         raise InputError(
-            "MuJoCo has no periodic walls; shuffle the packing into a box first, or use a domain with walls"
+            "MuJoCo has no periodic walls; shuffle the packing into a box first, or use a domain with walls. For shear "
+            "without end take ring_shear, which sets the grains apart in a ring and needs no box"
         )
 
 
@@ -205,6 +206,7 @@ def refuse_overlap(scene: Scene, advice: str = "") -> None:
     """Raise `InputError` where grains, or grains and walls or parts, overlap so much that the start would explode."""
     depth, names = scene.engine.deepest_overlap()
     if depth > START_OVERLAP:
+        advice = advice if set(names) & set(scene.engine.parts) else ""  # which is on parts
         raise InputError(
             f"the packing must not overlap by more than {START_OVERLAP:g} d at the start; "
             f"{' and '.join(names)} overlap by {depth:.3g} d, {depth * scene.units.length:.3g} m{advice}"
