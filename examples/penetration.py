@@ -14,6 +14,9 @@ import numpy as np
 import grainsdem as gd
 from grainsdem.figures.curves import Panel, curve_figure
 
+LOAD = 1.5e-4
+"""What the wheel presses with [N]: the weight of a dozen grains."""
+
 
 def make_prisms(n: int, shape: tuple[float, float]) -> gd.Packing:
     """Return n grains of about a millimetre in a plane, whose box has sides like these two numbers."""
@@ -28,11 +31,11 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="fewer grains, one seed")
     parser.add_argument("--output", type=Path, default=Path(), help="folder for the figure")
     arguments = parser.parse_args()
-    n, seeds, slips = (16, 1, (0.2,)) if arguments.quick else (110, 4, (0.0, 0.3, 0.7))
+    n, seeds, slips = (16, 1, (0.2,)) if arguments.quick else (110, 6, (0.0, 0.3, 0.6))
     deep, long = make_prisms(n, (1.2, 1.0)), make_prisms(n, (4.0, 1.0))
     size = {"width": 1e-3, "depth": 0.3e-3} if arguments.quick else {"width": 2.5e-3, "depth": 2e-3}
     radius, speed = (0.5e-3, 0.02) if arguments.quick else (2e-3, 0.02)
-    curves = {}
+    curves, works = {}, {}
     for body in ("plate", "cone"):
         runs = gd.ensemble(
             gd.dynamics.penetration,
@@ -51,24 +54,29 @@ def main() -> None:
             f"{1e3 * mean['force_along_x']:+.3f} ± {1e3 * spread['force_along_x']:.3f} mN, largest upward "
             f"{1e3 * mean['largest_force']:.1f} mN"
         )
-        depth, force, half = runs.curve("depth", "force_y", points=20)
-        curves[body] = 1e3 * depth, 1e3 * force, 1e3 * half
+        # What it does over a way, over that way, is the mean of a force that jumps as grains give way.
+        depth, work, half = runs.curve("depth", "work", points=11)
+        curves[body] = 1e3 * 0.5 * (depth[1:] + depth[:-1]), 1e3 * np.diff(work) / np.diff(depth)
+        works[body] = 1e3 * depth, 1e6 * work, 1e6 * half
     rows = []
     for slip in slips:
         runs = gd.ensemble(
             gd.dynamics.penetration, long, seeds=seeds, through="processes", workers=1, body="wheel", mode="roll",
-            spheres=True, width=2 * radius, load=4e-4, forward_speed=speed, angular_speed=speed / radius / (1 - slip),
+            spheres=True, width=2 * radius, load=LOAD, forward_speed=speed, angular_speed=speed / radius / (1 - slip),
             travel=4e-3,
         )  # fmt: skip
         mean, spread = runs.mean(), runs.half_width()
-        rows.append([slip, *(f * m[k] for k, f in (("drawbar_pull", 2500), ("sinkage", 1e3)) for m in (mean, spread))])
+        rows.append(
+            [slip, *(f * m[k] for k, f in (("drawbar_pull", 1 / LOAD), ("sinkage", 1e3)) for m in (mean, spread))]
+        )
         print(
             f"wheel, slip {slip}: drawbar pull {rows[-1][1]:+.2f} ± {rows[-1][2]:.2f} of its load, sinkage "
             f"{rows[-1][3]:.2f} ± {rows[-1][4]:.2f} mm"
         )
     slip, pull, pull_half, sinkage, sinkage_half = np.array(rows).T
     panels = [
-        Panel("depth  [mm]", "upward force  [mN]", curves),
+        Panel("depth  [mm]", "upward force  [mN]", curves, curves),
+        Panel("depth  [mm]", "work  [µJ]", works),
         Panel("slip", "drawbar pull / load", {"": (slip, pull, pull_half)}),
         Panel("slip", "sinkage  [mm]", {"": (slip, sinkage, sinkage_half)}),
     ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -351,7 +352,7 @@ def test_penetration_goes_on_after_a_kill_to_the_same_bits(tmp_path):
 
 
 @pytest.mark.client
-@pytest.mark.parametrize("driven", ["table", "function"])
+@pytest.mark.parametrize("driven", ["table", pytest.param("function", marks=pytest.mark.slow)])
 def test_a_part_goes_on_after_a_kill_to_the_same_bits(aside, part, tmp_path, driven):
     def drive(time, state):
         return {"slide": 0.2 * time, "turn:force": -3.0 * state.speeds["turn"]}
@@ -407,3 +408,27 @@ def test_what_a_bucket_lifts_is_the_weight_of_what_is_in_it(tmp_path, spheres):
     assert abs(report.final_force_x) + abs(report.final_force_y) < 0.03 * mass * 9.81
     np.testing.assert_allclose(history["lift_force"], history["force_z"], rtol=1e-6, atol=1e-6)
     assert np.flatnonzero(outcome.packing.positions[:, 2] > 2.0).tolist() == [0, 1, 2, 3, 4]
+
+
+@pytest.mark.client
+def test_a_part_that_nothing_drives_lies_on_a_bed_in_a_plane_with_its_weight(tmp_path):
+    bed = cube_packing([[4.5, 1.0, 1.0]], domain=Domain.slab((9.0, 8.0), 2.0))
+    path = tmp_path / "slab.xml"
+    path.write_text(
+        '<mujoco><worldbody><body name="slab" pos="4.5 2.6 1"><joint name="fall" type="slide" axis="0 1 0"/>'
+        '<geom type="box" size="0.8 0.5 1" density="2"/></body></worldbody></mujoco>'
+    )
+    outcome = own_part(bed, model=str(path), duration=1.0)
+    report = outcome.report
+    assert report.final_force_y == pytest.approx(2 * 3.2 * 2 * 9.81 / 2, rel=0.01)
+    assert report.borne_mass == pytest.approx(-2 * 3.2 * 2 / 2, rel=0.01)  # the bed bears it
+    assert report.carried_grains == 0
+    assert report.at_rest
+
+
+@pytest.mark.unit
+def test_of_a_periodic_bed_the_nearest_that_there_is_is_named(cube):
+    lower, upper = cube.domain.lower, cube.domain.upper
+    periodic = replace(cube, domain=Domain(lower, upper, periodic=(True, False, False)))
+    with pytest.raises(InputError, match=r"no periodic walls; .* take ring_shear"):
+        penetration(periodic)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from grainsdem.tessellation import relax, tessellate
 
 pytestmark = [pytest.mark.client, pytest.mark.slow]
 
-PARTS = Path(__file__).parent.parent / "examples" / "parts"
+BUCKET = Path(__file__).parent.parent / "examples" / "parts" / "bucket.xml"
 SEEDS = (1, 2, 3)
 
 
@@ -65,28 +66,40 @@ def test_the_higher_a_plate_falls_from_the_deeper_it_gets_and_then_it_lies_with_
 
 
 def test_a_wheel_that_slips_is_turned_and_pulls_and_a_braked_one_is_dragged():
-    options = {"friction": 0.5, "mode": "roll", "body": "wheel", "load": 2e-4, "travel": 3e-3}
+    options = {"friction": 0.5, "mode": "roll", "body": "wheel", "load": 2e-4, "travel": 2e-3}
     spun, braked = (reports(slip=slip, **options) for slip in (0.6, -0.6))
     for name in ("torque", "drawbar_pull"):
         assert np.mean([getattr(report, name) for report in spun]) > np.mean([getattr(r, name) for r in braked])
     assert np.mean([report.torque for report in spun]) > 0 > np.mean([report.torque for report in braked])
 
 
-def test_a_scoop_bears_what_hangs_on_it():
-    domain = Domain.box((8e-3, 4.6e-3, 1.1e-3))
-    bed = shrink(
-        carve(tessellate(relax(poisson(domain, 40, rng=1), domain, iterations=2), domain), keep="all"), porosity=0.4
-    )
-    bed = settle(bed, start="pour", spheres=True, rolling_friction=0.1, rng=1).packing
-    top = float(np.max(bed.positions[:, 2])) + 0.5e-3
+LOADER = """time,forward,lift,pitch
+0,0,0,0
+0.12,2.4e-3,0,0
+0.17,2.4e-3,0.4e-3,-0.5
+0.3,1.2e-3,3e-3,-0.5
+"""
+"""Forward over the floor into a heap, back and up: times, places [m] and angle of the scoop in the examples."""
+
+
+@pytest.mark.parametrize("spheres", [False, True])
+def test_a_scoop_bears_the_weight_of_the_grains_that_it_took_out_of_a_heap(tmp_path, spheres):
+    domain, rolling = Domain.box((4e-3, 3.2e-3, 1.6e-3)), 0.1 if spheres else 0.0
+    grown = tessellate(relax(poisson(domain, 20, rng=1), domain, iterations=2), domain)
+    heap = shrink(carve(grown, keep="all"), porosity=0.4)
+    bed = settle(heap, start="pour", spheres=spheres, rolling_friction=rolling, rng=1).packing
+    # Before the heap there is room for the scoop to begin from.
+    bed = replace(bed, domain=Domain(bed.domain.lower - [4e-3, 0.0, 0.0], bed.domain.upper))
+    (tmp_path / "loader.csv").write_text(LOADER)
     outcome = own_part(
-        bed, model=str(PARTS / "bucket.xml"), motion=str(PARTS / "scoop.csv"), x=1.2e-3, y=2.3e-3, z=top + 1.8e-3,
-        spheres=True, rolling_friction=0.1,
+        bed, model=str(BUCKET), motion=str(tmp_path / "loader.csv"), x=-3.5e-3, y=1.6e-3, z=0.2e-3, spheres=spheres,
+        rolling_friction=rolling,
     )  # fmt: skip
-    report = outcome.report
-    history = outcome.history
-    force = np.array([history["force_x"], history["force_z"]])
-    joints = np.array([history["forward_force"], history["lift_force"]])
-    np.testing.assert_allclose(joints, force, rtol=1e-6, atol=1e-3 * np.abs(force).max())
-    assert report.carried_grains > 0
-    assert report.borne_mass == pytest.approx(report.carried_mass, rel=0.05)
+    report, history = outcome.report, outcome.history
+    # The heap lies beyond x = 0; the scoop has come back to −2.3 mm and is 2.6 mm long.
+    lifted = (outcome.packing.positions[:, 2] > 2.5e-3) & (outcome.packing.positions[:, 0] < 0.5e-3)
+    assert report.carried_grains == lifted.sum() > 0
+    assert report.borne_mass == pytest.approx(report.carried_mass, rel=0.03)
+    assert report.carried_mass == pytest.approx(outcome.snapshot.masses()[lifted].sum(), rel=1e-9)
+    for joint, force in (("forward_force", "force_x"), ("lift_force", "force_z")):
+        np.testing.assert_allclose(history[joint], history[force], rtol=1e-6, atol=1e-6 * report.largest_force)
