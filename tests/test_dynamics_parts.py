@@ -90,6 +90,12 @@ def test_the_force_on_a_part_is_that_of_grains_and_container_but_not_of_its_own_
         ({"depth": 9.0}, "depth must be below 4 m"),
         ({"body": "wheel", "mode": "roll", "slip": 0.1, "forward_speed": 1.0}, "slip and forward_speed"),
         ({"body": "wheel", "mode": "roll", "travel": 3.0}, "travel must be at most 0 m, what the box leaves"),
+        ({"speed": 200.0}, "speed is 200 m/s; .* m/s, 20 √.g d., can be simulated"),
+        ({"mode": "drop", "height": 1e4}, "the fall's speed is 442.* can be simulated"),
+        (
+            {"body": "wheel", "mode": "roll", "width": 0.5, "travel": 0.01, "angular_speed": 1e3},
+            "travel must be at most",
+        ),
         ({"body": "ball"}, "body: input should be 'plate', 'cone', 'sphere' or 'wheel'; got 'ball'"),
         ({"mode": "roll", "body": "wheel", "slip": 1.5}, "slip"),
         ({"mesh": "nowhere.stl"}, r"nowhere\.stl: no such file"),

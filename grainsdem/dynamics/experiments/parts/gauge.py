@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 SOFT = 0.05
 """Overlap [d] beyond which grains are no longer rigid: MuJoCo's contacts are as stiff as the time step allows."""
 
+FASTEST = 20.0
+"""Speed [d/t] that is still simulated: what goes faster passes through a fifth of a grain in a step."""
+
 
 class Load(NamedTuple):
     """What is exerted on parts, in grain units.

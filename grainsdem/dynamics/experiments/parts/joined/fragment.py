@@ -219,6 +219,8 @@ class _Writer:
         body = ET.Element(
             "body", name=self.fragment.bodies[number], pos=_text(place), quat=_text(model.body_quat[number])
         )
+        if model.body_gravcomp[number]:
+            body.set("gravcomp", _text(model.body_gravcomp[number]))
         first, count = model.body_jntadr[number], model.body_jntnum[number]
         for joint in range(first, first + count):
             body.append(self._joint(joint))

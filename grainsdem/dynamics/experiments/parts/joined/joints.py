@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.dynamics.experiments.cells.meter import HEAVY
+from grainsdem.dynamics.experiments.parts.gauge import FASTEST
 from grainsdem.dynamics.experiments.parts.joined.driving import PartState
 from grainsdem.dynamics.experiments.parts.joined.fragment import LIGHT
 from grainsdem.errors import InputError
@@ -21,9 +22,6 @@ if TYPE_CHECKING:
 
 HEAVIER = 1e2
 """How many times the inertia of the whole part is added to a driven joint: what else moves does not stop it."""
-
-FASTEST = 10.0
-"""Speed [d/t] of a driven slide that is still simulated: a tenth of a diameter in a step."""
 
 AWAY = 1e-3
 """How far [d or rad] a table may begin from where its joints are."""

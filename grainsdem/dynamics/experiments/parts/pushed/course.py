@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
+from grainsdem.dynamics.experiments.parts.gauge import FASTEST
 from grainsdem.errors import InputError
 
 if TYPE_CHECKING:
@@ -91,9 +92,24 @@ def course_of(mode: Mode, given: Mapping[str, float | None], body: Body, packing
     Raises
     ------
     InputError
-        If an option belongs to another mode, or there is no room for what is asked.
+        If an option belongs to another mode, there is no room for what is asked, or it is too fast.
     """
     _refuse_others(mode, given)
+    course = _course(mode, given, body, packing, units)
+    for what, speed in (
+        ("speed", course.speed), ("the fall's speed", np.sqrt(2 * course.height)),
+        ("the rim's speed", course.spin * float(body.half[0]) / units.length),
+    ):  # fmt: skip
+        if speed > FASTEST:
+            raise InputError(
+                f"{what} is {speed * units.velocity:.4g} m/s; {FASTEST * units.velocity:.4g} m/s, {FASTEST:g} √(g d), "
+                f"can be simulated"
+            )
+    return course
+
+
+def _course(mode: Mode, given: Mapping[str, float | None], body: Body, packing: Packing, units: GrainUnits) -> Course:
+    """Return what a body does, however fast."""
     up = 1 if packing.domain.is_planar else 2
     mass = (given["mass"] or body.volume * float(packing.densities.mean())) / units.mass
     if mode == "press":
