@@ -19,7 +19,7 @@ from grainsdem.tessellation import relax, tessellate
 
 pytestmark = [pytest.mark.client, pytest.mark.slow]
 
-BUCKET = Path(__file__).parent.parent / "examples" / "parts" / "bucket.xml"
+PARTS = Path(__file__).parent.parent / "examples" / "parts"
 SEEDS = (1, 2, 3)
 
 
@@ -84,28 +84,18 @@ def test_bodies_that_fall_together_fall_as_if_alone():
             np.testing.assert_array_equal(series, other.history[name], err_msg=name)
 
 
-LOADER = """time,forward,lift,pitch
-0,0,0,0
-0.12,2.4e-3,0,0
-0.17,2.4e-3,0.4e-3,-0.5
-0.3,1.2e-3,3e-3,-0.5
-"""
-"""Forward over the floor into a heap, back and up: times, places [m] and angle of the scoop in the examples."""
-
-
 @pytest.mark.parametrize("spheres", [False, True])
-def test_a_scoop_bears_the_weight_of_the_grains_that_it_took_out_of_a_heap(tmp_path, spheres):
+def test_a_scoop_bears_the_weight_of_the_grains_that_it_took_out_of_a_heap(spheres):
     domain, rolling = Domain.box((4e-3, 3.2e-3, 1.6e-3)), 0.1 if spheres else 0.0
     grown = tessellate(relax(poisson(domain, 20, rng=1), domain, iterations=2), domain)
-    (tmp_path / "loader.csv").write_text(LOADER)
     heap = shrink(carve(grown, keep="all"), porosity=0.4)
     for seed in SEEDS:
         bed = settle(heap, start="pour", spheres=spheres, rolling_friction=rolling, rng=seed).packing
         # Before the heap there is room for the scoop to begin from.
         bed = replace(bed, domain=Domain(bed.domain.lower - [4e-3, 0.0, 0.0], bed.domain.upper))
         outcome = own_part(
-            bed, model=str(BUCKET), motion=str(tmp_path / "loader.csv"), x=-3.5e-3, y=1.6e-3, z=0.2e-3, spheres=spheres,
-            rolling_friction=rolling,
+            bed, model=str(PARTS / "bucket.xml"), motion=str(PARTS / "scoop.csv"), x=-3.5e-3, y=1.6e-3, z=0.2e-3,
+            spheres=spheres, rolling_friction=rolling,
         )  # fmt: skip
         report, history = outcome.report, outcome.history
         # Five runs of five took something, and all were at rest; of three in a row one does.

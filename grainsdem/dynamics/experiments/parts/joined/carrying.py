@@ -1,4 +1,4 @@
-"""Which grains a part carries: those that hang together with it, and not with what stands still around them."""
+"""Which grains a part carries: those that hang together with it, and not with what they lay on."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from grainsdem.dynamics.mechanics import Snapshot
 
 
-def carried(now: Snapshot, parts: Sequence[str]) -> NDArray[np.bool_]:
-    """Return which grains, shape (n,), hang together with some parts by contacts that bear, and with no other part.
+def carried(now: Snapshot, parts: Sequence[str], beside: Sequence[str] = ()) -> NDArray[np.bool_]:
+    """Return which grains, shape (n,), hang together with some parts by contacts that bear, and not with the ground.
 
     Parameters
     ----------
@@ -23,12 +23,17 @@ def carried(now: Snapshot, parts: Sequence[str]) -> NDArray[np.bool_]:
         The instant.
     parts : sequence of str
         Names of the parts that carry.
+    beside : sequence of str
+        Names of those that are no ground either, such as walls that grains lean against; all others are.
     """
     from scipy.sparse import coo_array  # noqa: PLC0415  (a third of a second)
     from scipy.sparse.csgraph import connected_components  # noqa: PLC0415  (the same)
 
     n = len(now.packing)
-    mine = np.isin(now.pairs, [-1 - number for number, name in enumerate(now.parts) if name in parts])
+    mine, aside = (
+        np.isin(now.pairs, [-1 - number for number, name in enumerate(now.parts) if name in names])
+        for names in (parts, beside)
+    )
     among = (now.pairs >= 0).all(axis=1)
     ends = now.pairs[among]
     _, piece = connected_components(
@@ -39,6 +44,6 @@ def carried(now: Snapshot, parts: Sequence[str]) -> NDArray[np.bool_]:
         grains, others = now.pairs[:, side], now.pairs[:, 1 - side]
         touches = (grains >= 0) & (others < 0)
         is_held[piece[grains[touches & mine[:, 1 - side]]]] = True
-        is_bound[piece[grains[touches & ~mine[:, 1 - side]]]] = True
+        is_bound[piece[grains[touches & ~(mine | aside)[:, 1 - side]]]] = True
     result: NDArray[np.bool_] = (is_held & ~is_bound)[piece]
     return result

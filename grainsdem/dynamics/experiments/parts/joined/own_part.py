@@ -76,7 +76,8 @@ class OwnPartReport(RunReport):
     borne_mass : float
         Downward force at the end over gravity [kg].
     carried_mass : float
-        Mass of the grains that at the end hang together with the part, by contacts, and not with the container [kg].
+        Mass of the grains that at the end hang together with the part, by contacts, and not with the floor [kg]; walls
+        that some of them lean against may bear a part of it.
     carried_grains : int
         How many they are.
     largest_overlap : float
@@ -339,7 +340,7 @@ class _OwnPart(Resting[OwnPartReport]):
         forces = np.array([[row.force_x, row.force_y, row.force_z] for row in rows]).reshape(-1, 3)
         last = forces[-LAST:].mean(axis=0) if rows else np.full(3, np.nan)
         now = snapshot(self.scene)
-        held = carried(now, self.joints.fragment.parts())
+        held = carried(now, self.joints.fragment.parts(), self.scene.upright_walls)
         is_settled = bool(self.begun and self.begun["is_at_rest"])
         overlap = max((row.overlap for row in rows), default=np.nan)
         reason = too_soft(overlap) if is_settled else "the bed was not at rest when the driving began"
