@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import mujoco
@@ -60,6 +61,24 @@ def test_discs_have_the_prisms_areas_and_thickness(flat):
     np.testing.assert_allclose(volumes(round_.grains), volumes(flat.grains), rtol=1e-12)
     assert np.ptp(round_.grains.vertices[:, 2]) == pytest.approx(np.ptp(flat.grains.vertices[:, 2]))
     np.testing.assert_allclose(np.pi * sphere_radii(flat) ** 2 * 1e-3, volumes(flat.grains), rtol=1e-9)
+
+
+@pytest.mark.unit
+def test_grains_that_are_alike_leave_a_third_of_their_places_empty_and_others_none(few):
+    cubes = cube_packing(np.full((90, 3), 5.0), half=0.5, domain=Domain.box((6.0, 6.0, 9.0)))
+    poured = begin(cubes, start="pour", rng=3)
+    layers, counts = np.unique(np.round(poured.positions[:, 2], 6), return_counts=True)
+    assert validate(poured).ok
+    assert len(layers) > len(np.unique(np.round(shuffle(cubes, rng=3).positions[:, 2], 6)))
+    assert counts.max() < 9 + 3  # of nine places in a layer two thirds are taken, in the mean
+    assert json.loads(poured.provenance[-1])["vacancies"] == 0.5
+    assert json.loads(begin(few, start="pour", rng=3).provenance[-1])["vacancies"] == 0.0
+
+
+@pytest.mark.unit
+def test_a_share_of_places_left_empty_cannot_be_below_zero(few):
+    with pytest.raises(InputError, match="vacancies must be zero or more; got -1"):
+        shuffle(few, vacancies=-1.0)
 
 
 @pytest.mark.unit

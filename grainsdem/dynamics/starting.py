@@ -36,6 +36,13 @@ RAIN_SPEED = 1.0
 _CLEARANCE = 0.02
 """Smallest gap between grains lifted apart, relative to the largest one's circumscribed diameter."""
 
+_ALIKE = 0.97
+"""Where half of the grains reach so far, relative to the largest, they are alike: in a full lattice none has room to
+stand beside the one above, and whole columns come down and stay columns, as no poured grains do."""
+
+_VACANCIES = 0.5
+"""Places that stay empty at random, relative to grains that are alike."""
+
 _CORNERS = 64
 """Corners of the prism that stands for a disc."""
 
@@ -75,7 +82,8 @@ def begin(
     if spheres:
         packing = as_spheres(packing)
     if start != "place":
-        packing = shuffle(packing, rng=generator, clearance=_CLEARANCE)
+        vacancies = _VACANCIES if _are_alike(packing) else 0.0
+        packing = shuffle(packing, rng=generator, clearance=_CLEARANCE, vacancies=vacancies)
         packing = _nudged(packing, generator) if spheres else packing
     if density is not None:
         packing = with_densities(packing, density, rng=generator)
@@ -198,11 +206,22 @@ def _refuse(bad: NDArray[np.bool_], rule: str) -> None:
         raise InputError(f"{rule}; those of grains {name_offenders(np.flatnonzero(bad))} are not")
 
 
-def _nudged(packing: Packing, generator: np.random.Generator) -> Packing:
-    """Return the spheres moved sideways on their lattice, within its gaps: they would stand on each other's tops."""
+def _reaches(packing: Packing) -> Floats:
+    """Return how far each grain reaches from its centroid [m], shape (n,); in planar work, in its plane."""
     corners, first = packing.grains.vertices, packing.grains.vertex_offsets[:-1]
     flat = corners[:, :2] if packing.domain.is_planar else corners
-    reach = np.sqrt(np.maximum.reduceat(np.einsum("ij,ij->i", flat, flat), first))
+    return np.asarray(np.sqrt(np.maximum.reduceat(np.einsum("ij,ij->i", flat, flat), first)))
+
+
+def _are_alike(packing: Packing) -> bool:
+    """Return whether half of the grains reach nearly as far as the largest."""
+    reaches = _reaches(packing)
+    return bool(np.median(reaches) > _ALIKE * reaches.max())
+
+
+def _nudged(packing: Packing, generator: np.random.Generator) -> Packing:
+    """Return the spheres moved sideways on their lattice, within its gaps: they would stand on each other's tops."""
+    reach = _reaches(packing)
     gaps = (reach.max() * (1 + _CLEARANCE) - reach) / np.sqrt(2)
     axes = 1 if packing.domain.is_planar else 2
     positions = packing.positions.copy()

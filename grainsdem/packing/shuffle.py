@@ -23,7 +23,13 @@ _DOUBLINGS = 8
 """How often the number of layers is doubled where a domain's planes leave little of each."""
 
 
-def shuffle(packing: Packing, *, rng: np.random.Generator | int | None = None, clearance: float = 0.02) -> Packing:
+def shuffle(
+    packing: Packing,
+    *,
+    rng: np.random.Generator | int | None = None,
+    clearance: float = 0.02,
+    vacancies: float = 0.0,
+) -> Packing:
     """Return the grains in random order and at random rotations, spaced on a lattice that fills the domain upward.
 
     Parameters
@@ -34,6 +40,8 @@ def shuffle(packing: Packing, *, rng: np.random.Generator | int | None = None, c
         Source of randomness, or a seed for one.
     clearance : float
         Smallest gap between grains, and to the walls, relative to the largest grain's circumscribed diameter.
+    vacancies : float
+        Places of the lattice that stay empty, drawn at random, relative to the grains.
 
     Returns
     -------
@@ -44,7 +52,7 @@ def shuffle(packing: Packing, *, rng: np.random.Generator | int | None = None, c
     Raises
     ------
     InputError
-        If the domain's floor is narrower than the largest grain, or ``clearance`` is negative.
+        If the domain's floor is narrower than the largest grain, or ``clearance`` or ``vacancies`` is negative.
 
     Notes
     -----
@@ -52,6 +60,8 @@ def shuffle(packing: Packing, *, rng: np.random.Generator | int | None = None, c
     """
     if clearance < 0:
         raise InputError(f"clearance must be zero or more; got {clearance}")
+    if not (np.isfinite(vacancies) and vacancies >= 0):
+        raise InputError(f"vacancies must be zero or more; got {vacancies}")
     domain = packing.domain
     up = 1 if domain.is_planar else 2
     generator = np.random.default_rng(rng)
@@ -66,8 +76,11 @@ def shuffle(packing: Packing, *, rng: np.random.Generator | int | None = None, c
             f"the floor {domain.lengths[:up].tolist()} m must be wider than the largest grain, {pitch:.4g} m with "
             f"clearance"
         )
-    positions = _lattice(len(packing), columns, domain, pitch)
-    turned = multiply(_turns(len(packing), generator, is_planar=domain.is_planar), packing.quaternions[order])
+    n = len(packing)
+    positions = _lattice(int(np.ceil((1 + vacancies) * n)), columns, domain, pitch)
+    if len(positions) > n:
+        positions = positions[np.sort(generator.choice(len(positions), n, replace=False))]
+    turned = multiply(_turns(n, generator, is_planar=domain.is_planar), packing.quaternions[order])
     upper = domain.upper.copy()
     upper[up] = positions[-1, up] + 0.5 * pitch
     if domain.is_planar:
@@ -81,7 +94,7 @@ def shuffle(packing: Packing, *, rng: np.random.Generator | int | None = None, c
         frictions=packing.frictions_of(order),
         domain=Domain(domain.lower, upper, is_planar=domain.is_planar, planes=domain.planes),
         links=None,
-    ).with_step("shuffle", clearance=clearance)
+    ).with_step("shuffle", clearance=clearance, vacancies=vacancies)
 
 
 def _lattice(n: int, columns: NDArray[np.int64], domain: Domain, pitch: float) -> NDArray[np.float64]:
