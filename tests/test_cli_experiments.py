@@ -39,6 +39,13 @@ def test_a_collapse_writes_packing_history_and_figure(bed, tmp_path):
     assert (tmp_path / "heap.png").stat().st_size > 1000
 
 
+def test_of_a_single_heap_is_said_that_it_is_one(bed, tmp_path):
+    result = run("collapse", bed, tmp_path / "heap.h5", "--max-time", 0.4)
+    assert "repose angle fit error" in result.stdout
+    assert "A single run is one heap" in result.stdout
+    assert "bins of a diameter long" in result.stderr
+
+
 def test_a_box_of_spheres_is_sheared_and_told_as_a_table(bed, tmp_path):
     result = run(
         "direct-shear", bed, tmp_path / "sheared.h5", "--displacement", 0.005, "--spheres", "--inertial-number", 0.1

@@ -59,6 +59,12 @@ def test_a_heap_that_has_no_time_to_rest_is_not_at_rest():
     assert not report.at_rest
 
 
+def test_a_heap_with_a_short_flank_is_warned_of(caplog):
+    report = collapse(grow_planar(9), rng=1, max_time=0.3).report
+    assert report.n_bins < 8
+    assert f"the flank of the heap is {report.n_bins} bins" in caplog.text
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [

@@ -54,7 +54,8 @@ def test_an_ensemble_tells_means_and_intervals_of_every_number(runs):
     assert told["peak_friction_angle"]["half_width"] == pytest.approx(
         t.ppf(0.975, 1) * abs(angles[1] - angles[0]) / 2, rel=1e-9
     )
-    assert told["dilatancy_angle"]["mean"] is None
+    assert told["peak_friction_angle"]["n"] == 2
+    assert told["dilatancy_angle"] == {"mean": None, "half_width": None, "n": 0}
 
 
 @pytest.mark.client

@@ -254,6 +254,8 @@ def _perform(
         print_json(report)
     elif not quiet:
         print_facts(out, str(output), {_title(name): _shown(name, value) for name, value in report.items()})
+        if found.caution:
+            out.print(found.caution, highlight=False, markup=False)
 
 
 def _title(name: str) -> str:

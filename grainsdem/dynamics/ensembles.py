@@ -91,9 +91,11 @@ class Ensemble:
         return x, rows.mean(axis=0), np.array([half_width(column) for column in rows.T])
 
     def to_dict(self) -> dict[str, Any]:
-        """Return seeds, means and half widths of the 95 % intervals as JSON values."""
-        pairs = zip(self.mean().items(), self.half_width().values(), strict=True)
-        numbers = {name: {"mean": _json(mean), "half_width": _json(width)} for (name, mean), width in pairs}
+        """Return seeds, means, half widths of the 95 % intervals and of how many runs, as JSON values."""
+        numbers = {
+            name: {"mean": _json(_mean(row)), "half_width": _json(half_width(row)), "n": int(np.isfinite(row).sum())}
+            for name, row in self.values().items()
+        }
         return {"seeds": list(self.seeds), "through": self.through, "confidence": CONFIDENCE, **numbers}
 
 

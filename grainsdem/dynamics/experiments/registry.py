@@ -80,6 +80,8 @@ class Experiment:
         Whether grains are set apart always, so that they cannot start where they are.
     notes : dict of str to tuple of str
         Types and sentences of what is no option but how it is run, `NOTES` and its own: only Python has these.
+    caution : str
+        What is said to a person of the report of a single run, or nothing.
     """
 
     name: str
@@ -89,6 +91,7 @@ class Experiment:
     whole: bool
     needs_seed: bool
     notes: Mapping[str, tuple[str, str]]
+    caution: str = ""
 
     @property
     def summary(self) -> str:
@@ -122,7 +125,8 @@ class Experiment:
             f"## {self.title}\n\n{self.summary} `gd.dynamics.{self.name}`, `grainsdem {self.name.replace('_', '-')}`, "
         )
         table = "| option | type | default | unit | range | what it is |\n|---|---|---|---|---|---|\n"
-        return f"{head}`[{self.name}]`.\n\n{table}" + "\n".join(rows) + "\n"
+        below = f"\n{self.caution}\n" if self.caution else ""
+        return f"{head}`[{self.name}]`.\n\n{table}" + "\n".join(rows) + f"\n{below}"
 
     def schema(self) -> dict[str, Any]:
         """Return the JSON schema of its options."""
@@ -134,7 +138,11 @@ _found: dict[str, Experiment] = {}
 
 
 def experiment(
-    *, panels: Panels = lambda _series, _profile: [], whole: bool = False, needs_seed: bool = False
+    *,
+    panels: Panels = lambda _series, _profile: [],
+    whole: bool = False,
+    needs_seed: bool = False,
+    caution: str = "",
 ) -> Callable[[Callable[P, Trial[Report]]], Callable[P, Outcome[Report]]]:
     """Make a function that sets up a run an experiment.
 
@@ -146,6 +154,8 @@ def experiment(
         Whether they show the whole history; by default its second stage, after compression or rest.
     needs_seed : bool
         Whether grains are set apart always.
+    caution : str
+        What is said to a person of the report of a single run, on the command line and on the page; nothing by default.
 
     Returns
     -------
@@ -172,7 +182,7 @@ def experiment(
         signature = _signature(setup, options)
         run.__signature__ = signature  # type: ignore[attr-defined]
         run.__doc__ = _documented(setup.__doc__ or "", options, notes)
-        _found[name] = Experiment(name, run, options, panels, whole, needs_seed, notes)
+        _found[name] = Experiment(name, run, options, panels, whole, needs_seed, notes, caution)
         return run
 
     return decorate

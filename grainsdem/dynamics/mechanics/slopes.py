@@ -43,13 +43,16 @@ class Slope(NamedTuple):
     angle : float
         Slope of the flank [rad], NaN where fewer than three bins are on it.
     error : float
-        Standard error of the fit [rad].
+        Standard error of the fit [rad]: how well a line describes this one surface, not how far the next heap differs.
+    n_bins : int
+        Bins that are on the flank.
     """
 
     distances: Floats
     heights: Floats
     angle: float
     error: float
+    n_bins: int
 
 
 def directions(packing: Packing) -> tuple[int, tuple[int, ...]]:
@@ -85,7 +88,7 @@ def surface(snapshot: Snapshot, origin: Origin, *, width: float) -> Slope:
     is_heaped = contact_graph(snapshot).coordination() > 0
     points = points[is_heaped[owners(packing.grains.vertex_offsets)]]
     if not len(points):
-        return Slope(np.empty(0), np.empty(0), np.nan, np.nan)
+        return Slope(np.empty(0), np.empty(0), np.nan, np.nan, 0)
     distances = distance_from(points, origin)
     heights = points[:, up] - packing.domain.lower[up]
     inside = distances >= 0
@@ -123,20 +126,20 @@ def _pieces(
     return n_ways * count, side * count + piece
 
 
-def _fit(distances: Floats, heights: Floats) -> tuple[float, float]:
-    """Return the angle of the flank's least-squares line and its standard error [rad]."""
+def _fit(distances: Floats, heights: Floats) -> tuple[float, float, int]:
+    """Return the angle of the flank's least-squares line and its standard error [rad], and how many bins it has."""
     top = heights.max()
     if not top > 0:
-        return np.nan, np.nan
+        return np.nan, np.nan, 0
     above = np.flatnonzero(heights >= FLANK[1] * top)
     first = int(above[-1])
     below = np.flatnonzero(heights[first:] < FLANK[0] * top)
     last = first + int(below[0]) if below.size else len(heights) - 1
     x, y = distances[first : last + 1], heights[first : last + 1]
     if x.size < 3:
-        return np.nan, np.nan
+        return np.nan, np.nan, int(x.size)
     spread = x - x.mean()
     slope = float(spread @ y / (spread @ spread))
     residual = y - y.mean() - slope * spread
     error = float(np.sqrt(residual @ residual / (x.size - 2) / (spread @ spread)))
-    return float(np.arctan(-slope)), error / (1 + slope**2)
+    return float(np.arctan(-slope)), error / (1 + slope**2), int(x.size)
