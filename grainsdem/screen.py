@@ -105,6 +105,7 @@ def print_settling(console: Console, title: str, summary: dict[str, Any]) -> Non
     rows = [
         *_rows([summary]),
         ("time, s", f"{summary['time']:.4g}{rest}"),
+        ("fall of a grain, mean, m", f"{summary['drop_height']:.4g}"),
         ("kinetic energy of a grain, m g d", f"{summary['kinetic_energy']:.1e}"),
         ("largest overlap, d", f"{summary['overlap_max']:.1e}"),
         ("borne by the floor, weight", f"{summary['floor_force']:.4f}"),

@@ -238,13 +238,14 @@ def test_settle_takes_two_materials_and_a_smooth_wall(heap, tmp_path):
 
 
 def test_the_table_of_a_settled_bed_tells_floor_and_walls_apart(bed):
-    rest = {"at_rest": True, "time": 0.2, "kinetic_energy": 1e-7, "overlap_max": 3e-4}
+    rest = {"at_rest": True, "time": 0.2, "kinetic_energy": 1e-7, "overlap_max": 3e-4, "drop_height": 0.0312}
     told = Console(file=StringIO(), width=120)
     summary = grainsdem.summary(grainsdem.load(bed))
     print_settling(told, "settled", {**summary, **rest, "floor_force": 1.2083, "wall_force": -0.2081})
     lines = told.file.getvalue().splitlines()
     assert any("borne by the floor" in line and "1.2083" in line for line in lines)
     assert any("borne by the walls" in line and "-0.2081" in line for line in lines)
+    assert any("fall of a grain" in line and "0.0312" in line for line in lines)
 
 
 def test_a_run_that_goes_wrong_leaves_its_last_good_state_and_says_where(bed, tmp_path):
@@ -293,6 +294,7 @@ def bad_input(tmp_path, bed):
         "no such wall": (["settle", bed, out, "--wall-friction", "roof=0.1"], "its walls are floor, wall_x0, wall_x1"),
         "friction of nothing": (["settle", bed, out, "--friction", "0.3:half"], "numbers and their shares as 0.3:0.5"),
         "a bounce too high": (["settle", bed, out, "--restitution", 0.9], "restitution must be 0.3 to 0.7"),
+        "drop of what is poured": (["settle", bed, out, "--drop-height", 0.01], "drop_height needs start = 'rain'"),
     }
 
 

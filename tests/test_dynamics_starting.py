@@ -9,6 +9,7 @@ import pytest
 from conftest import cube_packing
 from loading import borne, first_at_rest, grow_few
 
+from exporters.mjcf import units
 from grainsdem.dynamics import settle
 from grainsdem.dynamics.starting import as_spheres, begin, sphere_radii
 from grainsdem.errors import InputError
@@ -124,6 +125,55 @@ def test_rain_keeps_its_speed_until_it_is_let_go(few):
     falling = settle(few, start="rain", rng=1, max_time=1e-9, friction=0.0).history["total_energy"]
     # Its weight is carried: potential energy goes at the speed of the fall, and no kinetic energy comes in its place.
     assert falling[0] - falling[3] == pytest.approx(0.6, rel=0.02)
+
+
+@pytest.mark.client
+@pytest.mark.parametrize(
+    ("start", "drop_height", "fall"), [("rain", 2e-3, 2e-3), ("rain", 12e-3, 12e-3), ("pour", None, None)]
+)
+def test_grains_fall_as_far_as_is_told(few, start, drop_height, fall):
+    first = begin(few, start=start, drop_height=drop_height, rng=1)
+    settled = settle(few, start=start, drop_height=drop_height, rng=1, max_time=12.0)
+    if fall is None:
+        # What is poured falls from where its lattice stands.
+        fall = first.positions[:, 2].mean() - settled.packing.positions[:, 2].mean()
+        assert settled.report.drop_height == pytest.approx(fall, rel=1e-9)
+    # A grain of a millimetre is looked at every fifth of the time in which it comes down by one, and may meet a pit.
+    assert settled.report.drop_height == pytest.approx(fall, abs=1e-3)
+    assert json.loads(settled.packing.provenance[-1])["drop_height"] == settled.report.drop_height
+
+
+@pytest.mark.client
+def test_rain_that_follows_the_bed_goes_on_after_an_interrupt_to_the_same_bits(few, tmp_path):
+    def run(name, **options):
+        return settle(few, start="rain", drop_height=2e-3, rng=1, max_time=3.0, history_path=tmp_path / name, **options)
+
+    def interrupt(now):
+        if now.time > 8.0 * second:
+            raise KeyboardInterrupt
+
+    whole = run("whole.h5")
+    second = units(few, 9.81).time
+    with pytest.raises(KeyboardInterrupt):
+        run("parts.h5", progress=interrupt)
+    parts = run("parts.h5", resume=True)
+    assert parts.packing.positions.tobytes() == whole.packing.positions.tobytes()
+    assert parts.report.to_dict() == whole.report.to_dict()
+
+
+@pytest.mark.unit
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"start": "pour", "drop_height": 1e-3}, "drop_height needs start = 'rain'"),
+        ({"drop_height": 1e-3}, "got start = 'place'"),
+        ({"start": "rain", "drop_height": -1.0}, "drop_height must be positive and finite; got -1"),
+        ({"start": "rain", "drop_height": float("nan")}, "drop_height must be positive"),
+    ],
+)
+def test_a_drop_height_that_cannot_be_is_refused(few, options, words):
+    with pytest.raises(InputError, match=words):
+        settle(few, **options)
 
 
 @pytest.mark.client

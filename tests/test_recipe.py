@@ -72,6 +72,8 @@ def test_the_example_recipe_can_be_read():
         ),
         ({"settle": {"friction": {}}}, "settle.friction"),
         ({"settle": {"frictoin": 0.4}}, "settle.frictoin: unknown key; allowed are start, spheres, friction"),
+        ({"settle": {"drop_height": 0.01}}, "settle: drop_height needs start = 'rain'; got start = 'pour'"),
+        ({"settle": {"start": "rain", "drop_height": 0}}, "settle.drop_height: .*greater than 0; got 0"),
         ({"grains": {"porosity": -0.1}}, "grains.porosity: .*greater than or equal to 0; got -0.1"),
         ({"grains": {"porosity": 0.4, "scale": 0.5}}, "grains: give one of porosity, .*got porosity = 0.4, scale"),
         ({"grains": {}}, "grains: give one of porosity, .* relation; got none"),

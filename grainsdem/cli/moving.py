@@ -75,6 +75,10 @@ def settle(
             help="Density [kg/m³] instead of the grains' own, or several and their shares: 2650:0.9,5200:0.1."
         ),
     ] = None,
+    drop_height: Annotated[
+        float | None,
+        typer.Option(help="How far above the bed [m] rain is let go; by default at half the container's height."),
+    ] = None,
     time_step: Annotated[float, typer.Option(help="Time step in units of √(d/g).")] = 0.01,
     max_time: Annotated[float, typer.Option(help="Time limit in units of √(d/g).")] = 200.0,
     max_hours: Annotated[float, typer.Option(help="Refuse a run that would take longer by estimate.")] = 24.0,
@@ -114,6 +118,7 @@ def settle(
             gravity=gravity,
             direction=direction,
             density=shares("density", density),
+            drop_height=drop_height,
             rng=rng,
             time_step=time_step,
             max_time=max_time,

@@ -99,11 +99,18 @@ def refuse_memory(budget: Budget, *, memory: float | None = None) -> None:
         raise InputError(f"this does not fit: {budget}, and {free / 1e9:.2g} GB are free; {_ADVICE}")
 
 
-def settling_budget(packing: Packing, *, time_step: float = 0.01, max_time: float = 200.0) -> Budget:
-    """Return what settling will take, from where the grains are at its start."""
+def settling_budget(
+    packing: Packing, *, time_step: float = 0.01, max_time: float = 200.0, speed: float | None = None
+) -> Budget:
+    """Return what settling will take, from where the grains are at its start; rain comes down at a speed [√(g d)]."""
     up = 1 if packing.domain.is_planar else 2
-    fall = float(np.ptp(packing.positions[:, up]) / mjcf.units(packing).length)
-    duration = min(_SETTLING_TIME + float(np.sqrt(2 * fall)), max_time)
+    scale = mjcf.units(packing).length
+    if speed is None:
+        fall = float(np.ptp(packing.positions[:, up]) / scale)
+        duration = min(_SETTLING_TIME + float(np.sqrt(2 * fall)), max_time)
+    else:
+        highest = float(packing.positions[:, up].max(initial=0.0) - packing.domain.lower[up]) / scale
+        duration = min(_SETTLING_TIME, max_time) + highest / speed
     return estimate(len(packing), duration=duration, time_step=time_step)
 
 

@@ -12,11 +12,12 @@ from exporters.container import wall_names
 from exporters.mjcf import MjcfOptions
 from exporters.rest import frictions
 from grainsdem.dynamics.budget import allow, settling_budget
+from grainsdem.dynamics.engine.rain import RAIN_SPEED, Rain
 from grainsdem.dynamics.engine.relief import LEAST_WEIGHT, UNLOADING, are_walls_smooth, weight_share
 from grainsdem.dynamics.loop import Loop, Progress, Record
 from grainsdem.dynamics.mechanics import SAMPLE_UNITS, Sample, contact_graph, sample, snapshot
 from grainsdem.dynamics.scene import equip, refuse_overlap, scene_of
-from grainsdem.dynamics.starting import RAIN_SPEED, begin, downward
+from grainsdem.dynamics.starting import begin, downward
 from grainsdem.dynamics.watch import find_trouble, stored_energy
 from grainsdem.errors import InputError
 
@@ -89,6 +90,8 @@ class SettleReport:
         deep bed walls bear a part (Janssen); they push the grains down where it is negative.
     n_contacts : int
         Contact points that carry force at the end.
+    drop_height : float
+        How far grains fell [m]: from where each was let go to where its centroid is at the end, mean over the grains.
     """
 
     at_rest: bool
@@ -104,6 +107,7 @@ class SettleReport:
     floor_force: float
     wall_force: float
     n_contacts: int
+    drop_height: float
 
     def to_dict(self) -> dict[str, Any]:
         """Return the report as JSON values."""
@@ -147,6 +151,7 @@ def settle(
     gravity: float = 9.81,
     direction: ArrayLike | None = None,
     density: PerGrain | None = None,
+    drop_height: float | None = None,
     rng: np.random.Generator | int | None = None,
     time_step: float = 0.01,
     max_time: float = 200.0,
@@ -187,6 +192,9 @@ def settle(
     density : float, mapping or callable, optional
         Densities [kg/m³] instead of the grains' own: one for all, shares by number of several drawn at random, or a
         function of the diameters [m].
+    drop_height : float, optional
+        How far above the bed below it [m] a grain of rain is let go, so that all fall about as far; by default rain is
+        let go at half the container's height. What is poured falls from where its lattice is.
     rng : numpy.random.Generator, int or None
         Source of randomness, or a seed for one, of what is drawn at the start.
     time_step : float
@@ -221,8 +229,7 @@ def settle(
     -----
     At rest means: at five samples in a row, 0.2 √(d/g) apart, the mean kinetic energy of a grain is below 1e-6 m g d
     and the mean resultant force below a tenth of the mean contact force. Once the mean energy is below 1e-4 m g d, a
-    drag takes velocity away at a rate of 0.5 √(g/d): contacts of points have no resistance to rolling, and a grain that
-    hangs on two of them would swing for ever.
+    drag takes velocity away at a rate of 0.5 √(g/d): see `CALM_DRAG`.
     """
     if not max_time > 0:
         raise InputError(f"max_time must be positive; got {max_time}")
@@ -233,23 +240,26 @@ def settle(
         restitution=restitution, gravity=gravity, time_step=time_step,
     )  # fmt: skip
     frictions(packing, number, options.wall_friction).refuse_unknown(wall_names(packing.domain))
-    first = begin(packing, start=start, spheres=spheres, density=density, friction=own, rng=rng)
-    allow(settling_budget(first, time_step=time_step, max_time=max_time), max_hours=max_hours)
+    first = begin(packing, start=start, spheres=spheres, density=density, friction=own, drop_height=drop_height, rng=rng)
+    speed = RAIN_SPEED if start == "rain" else None
+    allow(settling_budget(first, time_step=time_step, max_time=max_time, speed=speed), max_hours=max_hours)
     apparatus = equip(first, options, are_spheres=spheres)
     if direction is not None:
         apparatus.set_gravity(downward(direction, is_planar=packing.domain.is_planar))
     scene = scene_of(first, apparatus.text(), gravity, are_spheres=spheres)
     refuse_overlap(scene)
-    run = SettleLoop(scene, Record(history_path, resume, {"max_time": max_time}), progress, max_time)
+    record = Record(history_path, resume, {"max_time": max_time, "drop_height": drop_height})
+    run = SettleLoop(scene, record, progress, max_time)
     run.bounces = restitution is not None
     if start == "rain":
-        run.rain()
+        run.rain(None if drop_height is None else drop_height / scene.units.length)
     run.run()
     settled = scene.packing().with_step(
         "settle", start=start, spheres=spheres, friction=number, wall_friction=options.wall_friction, mixing=mixing,
         rolling_friction=rolling_friction, restitution=restitution, gravity=gravity,
         direction=None if direction is None else scene.engine.gravity.tolist(), time_step=time_step,
-        at_rest=run.at_rest, **scene.rest(options),
+        drop_height=run.drop_height(), at_rest=run.at_rest,
+        **scene.rest(options),
     )  # fmt: skip
     return Settled(settled, run.history(), _report(run), contact_graph(snapshot(scene)))
 
@@ -270,28 +280,28 @@ class SettleLoop(Loop):
         self._rested_from = 0
         self._relief: dict[str, Any] | None = None
         self._lowest = sample(scene).total_energy
-        self._nozzle = np.inf
-        self._is_wet = False
+        self._first_heights = scene.poses()[0][:, scene.up].copy()
+        self._rain: Rain | None = None
         self._is_calm = False
 
-    def rain(self) -> None:
-        """Let grains come down at a steady speed until they pass the middle of the container, and fall from there."""
-        scene, up = self.scene, self.scene.up
-        domain = scene.source.domain
-        self._nozzle = float(0.5 * (domain.lower + domain.upper)[up] / scene.units.length)
-        self._is_wet = True
-        velocities = np.tile(RAIN_SPEED * scene.engine.gravity, (scene.n_grains, 1))
-        scene.engine.set_velocities(velocities)
-        highest = float(scene.poses()[0][:, up].max())
-        self.limit += (highest - self._nozzle) / -velocities[0, up]
-        self._lowest = sample(scene).total_energy
+    def rain(self, drop_height: float | None) -> None:
+        """Let grains come down at a steady speed, and fall from half the container's height or so far above the bed."""
+        box, scale = self.scene.source.domain, self.scene.units.length
+        corners = box.lower / scale, box.upper / scale
+        self._rain = Rain(self.scene.engine, *corners, up=self.scene.up, drop_height=drop_height)
+        self.limit += self._rain.lasts()
+        self._lowest = sample(self.scene).total_energy
+
+    def drop_height(self) -> float:
+        """Return how far the grains fell [m], in the mean; those that wait when time is up have not."""
+        last = self.scene.poses()[0][:, self.scene.up]
+        first = self._first_heights if self._rain is None else self._rain.let_go
+        return float(np.where(np.isnan(first), 0.0, first - last).mean() * self.scene.units.length)
 
     def prepare(self) -> None:
         """Take the weight off grains that have not been let go, and most of it off a bed that is refined."""
-        if self._is_wet:
-            waiting = self.scene.poses()[0][:, self.scene.up] > self._nozzle
-            self.scene.engine.hold_up(waiting)
-            self._is_wet = bool(waiting.any())
+        if self._rain is not None and not self._rain.is_over:
+            self._rain.fall()
         if self._relief is not None:
             self._relieve(**self._relief)
 
@@ -313,9 +323,8 @@ class SettleLoop(Loop):
             self._lowest = min(self._lowest, now.total_energy + self.bounces * stored_energy(self.scene))
         if self.progress is not None:
             second = self.scene.units.time
-            self.progress(
-                Progress(now.time * second, self.limit * second, now.kinetic_energy, REST_ENERGY, now.n_contacts)
-            )
+            times = now.time * second, self.limit * second
+            self.progress(Progress(*times, now.kinetic_energy, REST_ENERGY, now.n_contacts))
         if not self._is_calm and now.kinetic_energy < CALM_ENERGY and now.time > LEAST_TIME:
             self._is_calm = True
             self.scene.engine.set_drag(CALM_DRAG)
@@ -367,16 +376,18 @@ class SettleLoop(Loop):
         return {
             **super().memory(), "refinements": self.refinements, "at_rest": self.at_rest,
             "rested_from": self._rested_from, "relief": self._relief, "lowest": self._lowest,
-            "is_wet": self._is_wet, "is_calm": self._is_calm,
+            "let_go": None if self._rain is None else [None if np.isnan(z) else z for z in self._rain.let_go.tolist()],
+            "is_calm": self._is_calm,
         }  # fmt: skip
 
     def recall(self, memory: Mapping[str, Any]) -> None:
         """Take back what `memory` gave."""
         super().recall(memory)
         self.refinements, self.at_rest = memory["refinements"], memory["at_rest"]
-        self._rested_from, self._relief = memory["rested_from"], memory["relief"]
-        self._lowest = memory["lowest"]
-        self._is_wet, self._is_calm = memory["is_wet"], memory["is_calm"]
+        self._rested_from, self._relief, self._lowest = memory["rested_from"], memory["relief"], memory["lowest"]
+        self._is_calm = memory["is_calm"]
+        if self._rain is not None:
+            self._rain.let_go = np.array(memory["let_go"], dtype=np.float64)
         self.scene.engine.set_drag(CALM_DRAG if self._is_calm else 0.0)
 
     def _rests(self) -> bool:
@@ -397,4 +408,5 @@ def _report(run: SettleLoop) -> SettleReport:
         floor_force=float(np.mean([s.floor_force for s in lately])),
         wall_force=float(np.mean([s.wall_force for s in lately])),
         n_contacts=int(last.n_contacts),
+        drop_height=run.drop_height(),
     )  # fmt: skip

@@ -30,9 +30,6 @@ Start = Literal["place", "pour", "rain"]
 """``place``: where the grains stand, a jigsaw denser than any random pack. ``pour``: rotated, reordered, lifted apart,
 and let go at once. ``rain``: the same, but let go layer by layer as they come down at a steady speed."""
 
-RAIN_SPEED = 1.0
-"""Speed [√(g d)] at which rain comes down until it is let go."""
-
 _CLEARANCE = 0.02
 """Smallest gap between grains lifted apart, relative to the largest one's circumscribed diameter."""
 
@@ -57,6 +54,7 @@ def begin(
     spheres: bool = False,
     density: PerGrain | None = None,
     friction: PerGrain | None = None,
+    drop_height: float | None = None,
     rng: np.random.Generator | int | None = None,
 ) -> Packing:
     """Return the grains as a run is to begin with them.
@@ -74,10 +72,20 @@ def begin(
         the diameters [m], shape (n,). Each grain's own by default.
     friction : float, mapping or callable, optional
         The same for coefficients of friction [1] of the grains' own.
+    drop_height : float, optional
+        How far above the bed [m] rain is to be let go: it begins higher than that.
     rng : numpy.random.Generator, int or None
         Source of randomness, or a seed for one.
     """
     check_choice("start", start, ("place", "pour", "rain"))
+    if drop_height is not None:
+        if start != "rain":
+            raise InputError(
+                f"drop_height needs start = 'rain': what is poured falls from the lattice that it is lifted to; got "
+                f"start = {start!r}"
+            )
+        if not (np.isfinite(drop_height) and drop_height > 0):
+            raise InputError(f"drop_height must be positive and finite; got {drop_height}")
     generator = np.random.default_rng(rng)
     if spheres:
         packing = as_spheres(packing)
@@ -89,7 +97,7 @@ def begin(
         packing = with_densities(packing, density, rng=generator)
     if friction is not None:
         packing = with_frictions(packing, friction, rng=generator)
-    return _lifted(packing) if start == "rain" else packing
+    return _lifted(packing, drop_height or 0.0) if start == "rain" else packing
 
 
 def downward(direction: ArrayLike, *, is_planar: bool) -> Floats:
@@ -229,11 +237,11 @@ def _nudged(packing: Packing, generator: np.random.Generator) -> Packing:
     return replace(packing, positions=positions)
 
 
-def _lifted(packing: Packing) -> Packing:
+def _lifted(packing: Packing, drop_height: float) -> Packing:
     """Return the grains as high above the floor again as their lattice reaches: a bed is less than half as high."""
     domain, up = packing.domain, 1 if packing.domain.is_planar else 2
     rise = np.zeros(3)
-    rise[up] = domain.lengths[up]
+    rise[up] = max(domain.lengths[up], drop_height)
     taller = Domain(domain.lower, domain.upper + rise, is_planar=domain.is_planar, planes=domain.planes)
     return replace(packing, positions=packing.positions + rise, domain=taller).with_step("rain")
 

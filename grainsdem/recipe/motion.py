@@ -43,6 +43,8 @@ class SettleTable(Table):
     density : float or table, optional
         Density [kg/m³] instead of the grains' own, or densities and their shares by number, as in
         ``{2650 = 0.9, 5200 = 0.1}``.
+    drop_height : float, optional
+        How far above the bed [m] rain is let go; by default at half the container's height.
     time_step : float
         Time step in units of √(d/g).
     max_time : float
@@ -63,13 +65,16 @@ class SettleTable(Table):
     gravity: Positive = 9.81
     direction: Direction | None = None
     density: Positive | Shares | None = None
+    drop_height: Positive | None = None
     time_step: Positive = 0.01
     max_time: Positive = 200.0
     max_hours: Positive = 24.0
     overlap: Positive = 1e-3
 
     @model_validator(mode="after")
-    def _room_for_spheres(self) -> Self:
+    def _start_suits(self) -> Self:
         if self.spheres and self.start == "place":
             raise ValueError("spheres overlap where grains stand in place; start must be 'pour' or 'rain'")
+        if self.drop_height is not None and self.start != "rain":
+            raise ValueError(f"drop_height needs start = 'rain'; got start = {self.start!r}")
         return self
