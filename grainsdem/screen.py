@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
+from time import monotonic
 from typing import TYPE_CHECKING, Any, Self
 
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
@@ -18,6 +19,43 @@ if TYPE_CHECKING:
 
     from grainsdem.model import Report
     from grainsdem.recipe import Result
+
+
+LEAST_SHARE = 0.02
+"""Share of a stage that must have been seen before its rest is told: less says little of the pace."""
+
+
+class Pace:
+    """How long a stage will take, from how fast it has gone so far.
+
+    What was done before it was first looked at, in a run that goes on, and the time in which nothing could be told of
+    it, while a bed comes to rest, do not count.
+    """
+
+    def __init__(self) -> None:
+        self._begun: tuple[float, float] | None = None
+
+    def left(self, fraction: float, now: float) -> float | None:
+        """Return the time [s] that is left by the fraction done at a time [s], or None while too little was seen."""
+        if self._begun is None or fraction <= self._begun[1]:
+            self._begun = now, fraction
+            return None
+        since, first = self._begun
+        share = fraction - first
+        return (now - since) * (1.0 - fraction) / share if share >= LEAST_SHARE else None
+
+
+def rough_time(seconds: float) -> str:
+    """Return a time in words, as roughly as it is known.
+
+    Examples
+    --------
+    >>> rough_time(40.0), rough_time(400.0), rough_time(9000.0)
+    ('40 s', '7 min', '2.5 h')
+    """
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
 class ChainProgress:
@@ -37,6 +75,7 @@ class ChainProgress:
             TextColumn("{task.description:<15}"),
             BarColumn(bar_width=8),
             TimeElapsedColumn(),
+            TextColumn("{task.fields[left]}"),
             TextColumn("{task.fields[words]}"),
             console=console,
             disable=not (shown and console.is_terminal),
@@ -52,13 +91,15 @@ class ChainProgress:
     @contextmanager
     def stage(self, title: str) -> Iterator[Callable[[float, str], None]]:
         """Show a bar while the block runs; what is yielded takes the fraction done and a few words."""
-        task = self._bars.add_task(title, total=None, words="")
+        task, pace = self._bars.add_task(title, total=None, words="", left=""), Pace()
 
         def tell(fraction: float, words: str) -> None:
-            self._bars.update(task, total=1.0, completed=min(fraction, 1.0), words=words)
+            seconds = pace.left(fraction, monotonic())
+            left = "" if seconds is None else f"{rough_time(seconds)} left"
+            self._bars.update(task, total=1.0, completed=min(fraction, 1.0), words=words, left=left)
 
         yield tell
-        self._bars.update(task, total=1.0, completed=1.0)
+        self._bars.update(task, total=1.0, completed=1.0, left="")
 
 
 def print_result(console: Console, name: str, result: Result) -> None:

@@ -136,6 +136,7 @@ def test_an_ensemble_of_tilted_beds_is_told_with_its_interval(bed):
         (("penetration", "--mode", "drop", "--depth", 1e-3), "depth is an option of mode 'press'"),
         (("own-part",), "model: missing; give the path of a file for MuJoCo with the part"),
         (("own-part", "--model", "nowhere.xml"), "nowhere.xml: no such file"),
+        (("tilt", "--max-hours", 1e-9), "this takes too long: 27 grains: about"),
         (("tilt", "--figure", "curve.pdf"), "written as .png"),
         (("tilt", "--forces", "forces.txt"), "contacts are written as .csv, .parquet, .graphml or .vtp; got '.txt'"),
     ],

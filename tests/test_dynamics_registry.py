@@ -12,7 +12,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from loading import grow
+from loading import grow, grow_planar
 from typer.main import get_command
 from typer.testing import CliRunner
 
@@ -59,6 +59,30 @@ def test_every_option_has_a_sentence_wherever_it_is_told(name):
         assert sentence in " ".join(found.function.__doc__.split())
         assert sentence in help_of[told.name]
         assert told.help == found.schema()["properties"][told.name]["description"]
+
+
+@pytest.mark.unit
+@EVERY
+def test_every_experiment_says_what_it_will_take_and_keeps_to_max_hours(name, caplog, tmp_path):
+    function = getattr(dynamics, name)
+    with (
+        caplog.at_level("INFO", logger="grainsdem"),
+        pytest.raises(InputError, match=r"takes too long: 120 grains: .*max_hours is 1e-09"),
+    ):
+        function(grow(120), rng=1, max_hours=1e-9, history_path=tmp_path / "history.h5")
+    assert list(tmp_path.iterdir()) == []
+    assert not caplog.messages
+
+
+@pytest.mark.client
+def test_an_experiment_tells_its_estimate_and_is_refused_where_its_time_limit_makes_it_too_long(caplog):
+    with caplog.at_level("INFO", logger="grainsdem.dynamics.budget"):
+        dynamics.collapse(grow_planar(9), rng=1, max_time=0.3)
+    assert [record.getMessage()[:27] for record in caplog.records if record.levelname == "INFO"] == [
+        "9 grains: about 0.26 GB and"
+    ]
+    with pytest.raises(InputError, match=r"takes too long: 9 grains.* days .*max_hours is 24"):
+        dynamics.collapse(grow_planar(9), rng=1, max_time=1e9)
 
 
 @pytest.mark.unit

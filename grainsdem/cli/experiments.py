@@ -14,7 +14,21 @@ from typer.main import get_command_from_info
 from typer.models import CommandInfo
 
 import grainsdem
-from grainsdem.cli.options import Bed, Json, Quiet, Rng, app, err, guarded, keyed, load, out, prepare, print_json
+from grainsdem.cli.options import (
+    Bed,
+    Json,
+    Quiet,
+    Rng,
+    app,
+    err,
+    guarded,
+    keyed,
+    load,
+    out,
+    prepare,
+    print_json,
+    telling,
+)
 from grainsdem.errors import GrainsDEMError
 
 if TYPE_CHECKING:
@@ -32,6 +46,8 @@ History = Annotated[
 Resume = Annotated[bool, typer.Option("--resume", help="Go on with the killed run of that history.")]
 Figure = Annotated[Path | None, typer.Option(help="Draw the curves here (.png).")]
 
+MaxHours = Annotated[float, typer.Option(help="Refuse a run that would take longer by estimate.")]
+
 Forces = Annotated[
     Path | None,
     typer.Option(
@@ -45,7 +61,7 @@ FIRST: dict[str, tuple[Any, Any]] = {"bed": (Bed, ...), "output": (Output, ...)}
 
 LAST: dict[str, tuple[Any, Any]] = {
     "start": (Start, "random"), "history": (History, None), "resume": (Resume, False), "figure": (Figure, None),
-    "forces": (Forces, None),
+    "forces": (Forces, None), "max_hours": (MaxHours, 24.0),
     "rng": (Rng, 0), "json_": (Json, False), "quiet": (Quiet, False),
 }  # fmt: skip
 """Those behind them."""
@@ -208,6 +224,7 @@ def _perform(
     resume: bool,
     figure: Path | None,
     forces: Path | None,
+    max_hours: float,
     rng: int,
     json_: bool,
     quiet: bool,
@@ -234,12 +251,14 @@ def _perform(
     with (
         ChainProgress(err, shown=not (quiet or json_)) as bars,
         bars.stage(found.title) as tell,
+        telling(shown=not (quiet or json_)),
         keeping_last_good(output),
     ):
         outcome = found.function(
             packing,
             history_path=history,
             resume=resume,
+            max_hours=max_hours,
             progress=tell,
             rng=rng if start == "random" else None,
             **options,

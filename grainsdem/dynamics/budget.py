@@ -29,7 +29,7 @@ _STEP_TIME = 3e-5
 _COMPILE_TIME = 2e-6
 """Time [s] of compiling, for each pair of grains."""
 
-_SETTLING_TIME = 25.0
+SETTLING_TIME = 25.0
 """Time [√(d/g)] that a bed needs to come to rest once all grains have landed."""
 
 
@@ -52,7 +52,7 @@ class Budget:
     compile_time : float
         Time [s] until the model is compiled, where it has not been before.
     run_time : float
-        Time [s] of the run.
+        Time [s] of the run; 0 where nothing is known of it.
     """
 
     n_grains: int
@@ -61,10 +61,8 @@ class Budget:
     run_time: float
 
     def __str__(self) -> str:
-        return (
-            f"{self.n_grains} grains: about {self.memory / 1e9:.2g} GB and "
-            f"{_duration(self.compile_time + self.run_time)} on one core"
-        )
+        memory = f"{self.n_grains} grains: about {self.memory / 1e9:.2g} GB"
+        return f"{memory} and {_duration(self.compile_time + self.run_time)} on one core" if self.run_time else memory
 
 
 def estimate(n_grains: int, *, duration: float, time_step: float = 0.01) -> Budget:
@@ -107,10 +105,10 @@ def settling_budget(
     scale = mjcf.units(packing).length
     if speed is None:
         fall = float(np.ptp(packing.positions[:, up]) / scale)
-        duration = min(_SETTLING_TIME + float(np.sqrt(2 * fall)), max_time)
+        duration = min(SETTLING_TIME + float(np.sqrt(2 * fall)), max_time)
     else:
         highest = float(packing.positions[:, up].max(initial=0.0) - packing.domain.lower[up]) / scale
-        duration = min(_SETTLING_TIME, max_time) + highest / speed
+        duration = min(SETTLING_TIME, max_time) + highest / speed
     return estimate(len(packing), duration=duration, time_step=time_step)
 
 

@@ -39,6 +39,9 @@ if TYPE_CHECKING:
 REST_ENERGY = 1e-5
 """Mean kinetic energy of a grain at rest [P d³]."""
 
+COMPACTION_TIME = 20.0
+"""Time [t] in which beds are compressed and come to rest, most often, by which a run is estimated."""
+
 STEADY = 1e-3
 """Change of porosity over ten samples, 2 t, below which walls have closed in: without friction grains move for ever."""
 
@@ -268,6 +271,10 @@ class _Compact(Trial[CompactReport]):
         if self.begun is None and (self.aim is not None or self._has_closed_in()):
             self.begun = now.time
             self._enter()
+
+    def expected_time(self) -> float:
+        """Return about how long [t] the run will last."""
+        return min(COMPACTION_TIME, self.max_time)
 
     def memory(self) -> dict[str, Any]:
         """Return what the run remembers besides state and samples, as JSON values."""

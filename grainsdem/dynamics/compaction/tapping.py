@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, Unpack
 import numpy as np
 
 from exporters.mjcf import MjcfOptions, units
+from grainsdem.dynamics.budget import SETTLING_TIME
 from grainsdem.dynamics.experiments.cells.meter import Meter
 from grainsdem.dynamics.experiments.registry import experiment
 from grainsdem.dynamics.experiments.rig import RunReport, Trial, assemble
@@ -40,6 +41,9 @@ REST_SAMPLES = 5
 
 REST_LIMIT = 60.0
 """Time [t] after which the next tap comes although the bed is not at rest."""
+
+TAP_TIME = 10.0
+"""Time [t] that a tap takes with the rest after it, most often, by which a run is estimated."""
 
 CALM_ENERGY = 1e-3
 """Mean kinetic energy [m g d] below which `CALM_DRAG` acts between taps."""
@@ -249,6 +253,10 @@ class _Tap(Trial[TapReport]):
             self.all_at_rest &= at_rest
             self.rests.append(now.porosity)
             self.begun = now.time
+
+    def expected_time(self) -> float:
+        """Return about how long [t] the run will last."""
+        return SETTLING_TIME + TAP_TIME * self.shaking.taps
 
     def memory(self) -> dict[str, Any]:
         """Return what the run remembers besides state and samples, as JSON values."""

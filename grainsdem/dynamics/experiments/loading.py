@@ -60,6 +60,9 @@ N_SAMPLES = 200
 STEPS_PER_PROBE = 4
 """Steps between looks at the contacts of a sheared bed, whose stresses are averaged over a sample as those of walls."""
 
+COMPRESSION_TIME = 20.0
+"""Time [t] in which beds are compressed, most often, by which a run is estimated."""
+
 VOID_TIME = 3.0
 """Time [t] of the shear that is averaged before a test is judged, in five samples at least: forces fluctuate, and of 27
 grains the pressure was off by a fifth for 1 t in 2 of 20 runs."""
@@ -252,6 +255,10 @@ class Staged(Trial[Report]):
     def duration(self) -> float:
         """Return how long [t] the shear takes."""
         return float(self.strain / self.rate)
+
+    def expected_time(self) -> float:
+        """Return about how long [t] the run will last."""
+        return COMPRESSION_TIME + self.duration()
 
     def ramp(self) -> float:
         """Return the share of its speed that a driven part has, 0 before shear begins."""

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, cast
 
 from pydantic import create_model
 
+from grainsdem.dynamics.budget import allow
 from grainsdem.dynamics.experiments.rig import Outcome, Trial
 from grainsdem.dynamics.experiments.shared import DEFAULTS, NOTES, Run
 from grainsdem.dynamics.loop import Record
@@ -196,6 +197,7 @@ def _performed(
     trial.record = Record(apart["history_path"], apart["resume"], values)
     if apart["progress"] is not None:
         trial.tell = apart["progress"]
+    allow(trial.budget(), max_hours=apart["max_hours"])
     trial.run()
     history, profile = trial.history(), trial.profile()
     return Outcome(

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from grainsdem.dynamics.budget import SETTLING_TIME
 from grainsdem.dynamics.experiments.cells.meter import Meter
 from grainsdem.dynamics.experiments.rig import Report, Trial
 from grainsdem.dynamics.experiments.start import as_asked, set_apart_in_block
@@ -90,6 +91,10 @@ class Resting(Trial[Report]):
     def is_over(self) -> bool:
         """Return whether the time of the second stage is up."""
         return self.begun is not None and self.since() >= self.max_time
+
+    def expected_time(self) -> float:
+        """Return about how long [t] the run will last: the second stage as long as it may."""
+        return SETTLING_TIME + self.max_time
 
     def since(self) -> float:
         """Return the time [t] since the present stage began."""

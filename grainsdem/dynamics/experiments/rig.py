@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 
 from exporters import mjcf
+from grainsdem.dynamics.budget import Budget, estimate
 from grainsdem.dynamics.loop import Loop, Record
 from grainsdem.dynamics.mechanics import energies
 from grainsdem.dynamics.scene import Scene, equip, refuse_overlap, scene_of
@@ -122,6 +123,14 @@ class Trial(Loop, Generic[Report]):
     def report(self) -> Report:
         """Return what the run measured, once it is over."""
         raise NotImplementedError
+
+    def expected_time(self) -> float:
+        """Return about how long [t] the run will last; 0 where nothing is known of it, and only memory is looked at."""
+        return 0.0
+
+    def budget(self) -> Budget:
+        """Return what the run will take."""
+        return estimate(self.scene.n_grains, duration=self.expected_time(), time_step=self.scene.engine.time_step)
 
     def in_si(self, row: Any) -> Any:
         """Return a sample as it is stored: in the units of the columns."""

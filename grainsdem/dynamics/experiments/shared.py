@@ -74,6 +74,7 @@ class Run(TypedDict, total=False):
     rng: np.random.Generator | int | None
     history_path: str | os.PathLike[str] | None
     resume: bool
+    max_hours: float
     progress: Callable[[float, str], None] | None
 
 
@@ -86,6 +87,7 @@ DEFAULTS: dict[str, Any] = {
     "rng": None,
     "history_path": None,
     "resume": False,
+    "max_hours": 24.0,
     "progress": None,
 }
 """What a run has where it is not told otherwise."""
@@ -104,6 +106,7 @@ NOTES: dict[str, tuple[str, str]] = {
         "HDF5 file that the history is appended to while the run goes.",
     ),
     "resume": ("bool", "Whether to go on from the checkpoint of an interrupted run with that history."),
+    "max_hours": ("float", "A run that would take longer by estimate is refused before its start."),
     "progress": ("callable, optional", "Called with the fraction done and a few words at every sample."),
 }
 """Type and sentence of what is no option of the experiment, but of how it is run."""

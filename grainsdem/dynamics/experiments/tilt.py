@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, Unpack
 
 import numpy as np
 
+from grainsdem.dynamics.budget import SETTLING_TIME
 from grainsdem.dynamics.experiments.registry import experiment
 from grainsdem.dynamics.experiments.resting import Resting, pour
 from grainsdem.dynamics.experiments.rig import RunReport, assemble
@@ -198,6 +199,10 @@ class _Tilt(Resting[TiltReport]):
                 self.angle += self.rate * self.sample_time
                 self.act()
         super().keep(now)
+
+    def expected_time(self) -> float:
+        """Return about how long [t] the run will last: until the largest angle, as if the bed stood all the time."""
+        return SETTLING_TIME + self.max_angle / self.rate
 
     def share_done(self, now: TiltSample) -> float:
         """Return the share of the largest angle; a bed may fail long before."""

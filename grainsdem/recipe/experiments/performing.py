@@ -49,7 +49,13 @@ def perform(
     """
     seed = rng if table.start == "random" else None
     return table.experiment.function(
-        packing, **table.options(), rng=seed, history_path=history_path, resume=resume, progress=progress
+        packing,
+        **table.options(),
+        rng=seed,
+        history_path=history_path,
+        resume=resume,
+        max_hours=table.max_hours,
+        progress=progress,
     )
 
 
@@ -179,6 +185,7 @@ def _repeat(
         seeds=range(rng, rng + table.seeds),
         history_folder=folder,
         progress=lambda done, total: tell(done / total, f"{done} of {total} runs"),
+        max_hours=table.max_hours,
         **table.options(),
     )
 

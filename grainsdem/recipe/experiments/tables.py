@@ -9,7 +9,7 @@ from pydantic import ConfigDict, Field, create_model, model_validator
 
 from grainsdem.dynamics.experiments.registry import Experiment, known
 from grainsdem.options import STRICT, paths_of
-from grainsdem.recipe.base import Table
+from grainsdem.recipe.base import Positive, Table
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -24,6 +24,8 @@ class ExperimentTable(Table):
         Whether grains are turned at random, reordered and set apart first, or start where they are.
     seeds : int
         How many runs, each with a seed of its own: with two or more, means and 95 % intervals are the result.
+    max_hours : float
+        A run that would take longer by estimate is refused before its start.
     """
 
     model_config = ConfigDict(**STRICT)
@@ -31,6 +33,7 @@ class ExperimentTable(Table):
 
     start: Literal["random", "place"] = "random"
     seeds: Annotated[int, Field(ge=1)] = 1
+    max_hours: Positive = 24.0
 
     @model_validator(mode="after")
     def _place_needs_grains_that_stay(self) -> Self:
@@ -46,7 +49,7 @@ class ExperimentTable(Table):
 
     def options(self) -> dict[str, Any]:
         """Return the options of the function."""
-        return self.model_dump(exclude={"start", "seeds"})
+        return self.model_dump(exclude={"start", "seeds", "max_hours"})
 
     def beside(self, folder: Path) -> Self:
         """Return the table with its files found in a folder."""
