@@ -1,5 +1,8 @@
 """Recorded motions: read back by VTK, OpenUSD and Pillow, every grain where it was."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 import pyvista
@@ -9,8 +12,9 @@ from typer.testing import CliRunner
 
 import exporters
 from grainsdem.cli import app
-from grainsdem.errors import FileFormatError, InputError, ShapeError, WriteError
+from grainsdem.errors import FileFormatError, InputError, MissingPackageError, ShapeError, WriteError
 from grainsdem.figures import animate
+from grainsdem.figures.motion.videos import find_ffmpeg, write_film
 from grainsdem.geometry.rotations import world_vertices
 from grainsdem.storage import HistoryWriter, load_motion, save
 
@@ -79,6 +83,49 @@ def test_an_animation_falls_and_lasts_as_long_as_it_was_asked_to(poured, motion,
     assert ImageChops.difference(pictures[0], pictures[-1]).getbbox() is not None
 
 
+@pytest.mark.client
+def test_a_film_falls_lasts_as_long_as_it_was_asked_to_and_has_even_sides(poured, motion, tmp_path):
+    path = animate(poured, tmp_path / "fall.mp4", **motion, size=(161, 121), seconds=1.0)
+    raw = subprocess.run(
+        [find_ffmpeg(), "-loglevel", "error", "-i", path, "-f", "rawvideo", "-pix_fmt", "rgb24", "-"],
+        capture_output=True,
+        check=True,
+    ).stdout
+    pictures = np.frombuffer(raw, np.uint8).reshape(-1, 122, 162, 3).astype(int)
+    assert len(pictures) == 20  # a second, at twenty a second
+    rows = [np.mean(np.nonzero(np.ptp(picture, axis=2) > 40)[0]) for picture in pictures]
+    assert rows[-1] > rows[0] + 3
+    again = animate(poured, tmp_path / "again.mp4", **motion, size=(161, 121), seconds=1.0)
+    assert again.read_bytes() == path.read_bytes()
+
+
+@pytest.mark.unit
+def test_a_film_without_ffmpeg_is_refused_with_what_to_install_and_nothing_is_written(
+    poured, history, motion, tmp_path, monkeypatch
+):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    save(poured, tmp_path / "bed.h5")
+    before = sorted(tmp_path.iterdir())
+    with pytest.raises(MissingPackageError, match=r"put it on the path, or pip install \"grainsdem\[video\]\""):
+        animate(poured, tmp_path / "fall.mp4", **motion)
+    words = ["replay", str(tmp_path / "bed.h5"), str(history), str(tmp_path / "fall.mp4")]
+    refused = CliRunner().invoke(app, words)
+    assert refused.exit_code == 2
+    assert "an .mp4 needs ffmpeg" in refused.stderr
+    assert sorted(tmp_path.iterdir()) == before
+
+
+@pytest.mark.unit
+def test_what_ffmpeg_says_last_is_why_a_film_cannot_be_written(tmp_path, monkeypatch):
+    program = tmp_path / "ffmpeg"
+    program.write_text("#!/bin/sh\ncat > /dev/null\necho first >&2\necho no such codec >&2\nexit 1\n")
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
+    with pytest.raises(WriteError, match=r"film.mp4: ffmpeg cannot write it: no such codec"):
+        write_film([Image.new("RGB", (4, 4))], tmp_path / "film.mp4", rate=20)
+
+
 @pytest.mark.unit
 def test_the_command_replays_a_history_and_replaces_files_only_by_force(poured, history, tmp_path):
     save(poured, tmp_path / "bed.h5")
@@ -94,9 +141,9 @@ def test_the_command_replays_a_history_and_replaces_files_only_by_force(poured, 
     assert refused.exit_code == 2
     assert "exists already" in refused.output
     assert call("fall.pvd", "--force").exit_code == 0
-    unknown = call("fall.mp4")
+    unknown = call("fall.avi")
     assert unknown.exit_code == 2
-    assert "motion is written as .gif, .webp, .pvd, .usdc, .usda; got '.mp4'" in unknown.output
+    assert "motion is written as .gif, .webp, .mp4, .pvd, .usdc, .usda; got '.avi'" in unknown.output
 
 
 @pytest.mark.unit
@@ -122,7 +169,7 @@ def test_records_that_do_not_fit_are_refused(poured, motion, tmp_path):
             write(poured, tmp_path / name, **nothing)
     with pytest.raises(FileFormatError, match=r"written as .pvd, .usdc, .usda; got '.avi'"):
         exporters.replay(poured, tmp_path / "a.avi", **motion)
-    with pytest.raises(FileFormatError, match=r"written as .gif or .webp; got '.png'"):
+    with pytest.raises(FileFormatError, match=r"written as .gif, .webp or .mp4; got '.png'"):
         animate(poured, tmp_path / "a.png", **motion)
     with pytest.raises(InputError, match="seconds must be positive"):
         animate(poured, tmp_path / "a.gif", **motion, seconds=0)

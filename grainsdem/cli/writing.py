@@ -112,10 +112,12 @@ def replay(
     history: Annotated[Path, typer.Argument(help="The history of its motion (.h5), with frames.", show_default=False)],
     output: Annotated[
         Path,
-        typer.Argument(help="What to write: .gif, .webp, .pvd (ParaView), .usdc or .usda.", show_default=False),
+        typer.Argument(
+            help="What to write: .gif, .webp, .mp4 (needs ffmpeg), .pvd (ParaView), .usdc or .usda.", show_default=False
+        ),
     ],
-    color_by: Annotated[str, typer.Option(help="What colours the grains of a .gif or .webp.")] = "id",
-    seconds: Annotated[float, typer.Option(help="How long a .gif or .webp lasts.")] = 5.0,
+    color_by: Annotated[str, typer.Option(help="What colours the grains of an animation.")] = "id",
+    seconds: Annotated[float, typer.Option(help="How long an animation lasts.")] = 5.0,
     force: Force = False,
     json_: Json = False,
     quiet: Quiet = False,

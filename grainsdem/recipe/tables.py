@@ -49,8 +49,9 @@ class OutputTable(Table):
     figures : bool
         Whether renders and plots are made.
     replays : list of str
-        What the motions of settling and of experiments are written as: ``gif`` or ``webp`` for an animation, ``usdc``
-        or ``usda`` for a stage and a layer over it with time samples, ``pvd`` for ParaView.
+        What the motions of settling and of experiments are written as: ``gif``, ``webp`` or, where ffmpeg is found,
+        ``mp4`` for an animation, ``usdc`` or ``usda`` for a stage and a layer over it with time samples, ``pvd`` for
+        ParaView.
     forces : list of str
         What the contact forces at the end of each experiment are written as: ``csv``, ``parquet``, ``graphml``, ``vtp``
         for ParaView, or ``png`` for a picture of the force chains.
@@ -60,7 +61,7 @@ class OutputTable(Table):
 
     formats: tuple[str, ...] = ("xml", "usda", "stl")
     figures: bool = True
-    replays: tuple[Literal["gif", "webp", "usdc", "usda", "pvd"], ...] = ()
+    replays: tuple[Literal["gif", "webp", "mp4", "usdc", "usda", "pvd"], ...] = ()
     forces: tuple[Literal["csv", "parquet", "graphml", "vtp", "png"], ...] = ()
     options: dict[str, Any] = Field(default_factory=dict)
 

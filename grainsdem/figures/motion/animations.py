@@ -1,4 +1,4 @@
-"""Animations of a recorded motion: GIF or WebP, for pages and talks, from the pictures that `render` draws."""
+"""Animations of a recorded motion: GIF, WebP or MPEG-4, for pages and talks, from the pictures that `render` draws."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from grainsdem.atomic import replacing
 from grainsdem.errors import FileFormatError, InputError, ShapeError
+from grainsdem.figures.motion.videos import find_ffmpeg, write_film
 from grainsdem.figures.renders import painting
 from grainsdem.figures.scene import set_scene
 from grainsdem.packing.carve import subset
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-SUFFIXES = (".gif", ".webp")
+SUFFIXES = (".gif", ".webp", ".mp4")
 """What animations are written as."""
 
 FRAMES_PER_SECOND = 20
@@ -52,7 +53,7 @@ def animate(
     packing : Packing
         The grains that were moved.
     path : str or path-like
-        Ends in ``.gif`` or ``.webp``; replaced if it exists.
+        Ends in ``.gif``, ``.webp`` or, where ffmpeg is found, ``.mp4``; replaced if it exists.
     times : array_like, shape (t,)
         When [s] each frame was recorded, growing.
     positions : array_like, shape (t, n, 3)
@@ -82,14 +83,17 @@ def animate(
     ShapeError
         If the frames are not of the packing's grains, or times do not grow.
     MissingPackageError
-        Where PyVista is not installed.
+        Where PyVista is not installed, or ffmpeg is not found for an ``.mp4``.
     """
     target = Path(path)
     if target.suffix.lower() not in SUFFIXES:
         given = target.suffix or "no suffix"
-        raise FileFormatError(f"{target}: animations are written as {' or '.join(SUFFIXES)}; got {given!r}")
+        allowed = f"{', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}"
+        raise FileFormatError(f"{target}: animations are written as {allowed}; got {given!r}")
     if not (np.isfinite(seconds) and seconds > 0):
         raise InputError(f"seconds must be positive and finite; got {seconds}")
+    if target.suffix.lower() == ".mp4":
+        find_ffmpeg()  # before pictures are drawn for nothing
     moments = _checked(packing, times, positions, quaternions)
     chosen = _even(moments, max(2, round(seconds * FRAMES_PER_SECOND)))
     scenes = _scenes(packing, np.asarray(positions), np.asarray(quaternions), chosen, color_by)
@@ -173,6 +177,9 @@ def _write(pictures: list[Any], path: Path, suffix: str, milliseconds: float) ->
     """Write the pictures as one file that runs for ever."""
     from PIL import Image  # noqa: PLC0415  (a fifth of a second, for animations alone)
 
+    if suffix == ".mp4":
+        write_film(pictures, path, rate=1000.0 / milliseconds)
+        return
     if suffix == ".webp":
         pictures[0].save(
             path, format="WEBP", save_all=True, append_images=pictures[1:], duration=round(milliseconds), loop=0,

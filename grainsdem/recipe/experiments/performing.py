@@ -154,8 +154,8 @@ def write_replays(
     stem : pathlib.Path
         Where files go, without their suffix.
     suffixes : sequence of str
-        ``gif`` or ``webp``: an animation. ``usdc`` or ``usda``: a stage, and a layer over it with time samples.
-        ``pvd``: a time series for ParaView.
+        ``gif``, ``webp`` or ``mp4``: an animation. ``usdc`` or ``usda``: a stage, and a layer over it with time
+        samples. ``pvd``: a time series for ParaView.
     monitor : Monitor
         Who is told of the progress.
     refused : dict of str to str
