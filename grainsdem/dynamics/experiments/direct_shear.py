@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, Unpack
 
@@ -39,6 +40,12 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
+LOG = logging.getLogger(__name__)
+
+LEAST_LENGTH, LEAST_HEIGHT = 10.0, 6.0
+"""Length and height of the box in largest grains that standards of soil testing ask for, such as ASTM D3080; below them
+is warned."""
+
 PEAK_SPAN = 0.02
 """Displacement, over the length of the box, over which stresses are averaged before their peak is looked for."""
 
@@ -63,7 +70,8 @@ class DirectShearSample(NamedTuple):
     volumetric_strain : float
         Change of the height over the height at the beginning of shear, positive where the bed dilates.
     normal_stress, shear_stress : float
-        Mean force on lid and upper half since the last sample, over the area that the halves have in common [P].
+        Mean force on the upper half with its lid since the last sample, up and along, over the area that the halves
+        have in common [P].
     normal_stress_contacts, shear_stress_contacts : float
         The same from the contacts that cross the plane between the halves: means over the same time during shear,
         before it with converged forces at the instant [P].
@@ -111,7 +119,7 @@ class DirectShearReport(LoadingReport):
     dilation : float
         Rise of the lid at the end over the height at the beginning of shear.
     normal_stress : float
-        Mean over the shear of the force on the lid over the whole floor [Pa].
+        Mean over the shear of the force on lid and upper walls over the whole floor [Pa].
     initial_solid_fraction, final_solid_fraction : float
         When shear began, and at the end.
     """
@@ -142,6 +150,13 @@ def direct_shear(
         float, option("Way of the upper half to go to, over the length of the box.", gt=0, le=0.5)
     ] = 0.2,
     inertial_number: InertialNumber = 1e-2,
+    aspect: Annotated[
+        float, option("Length of the box over its height and depth, where grains are set apart in one.", ge=1)
+    ] = 3.0,
+    gap: Annotated[
+        float | None,
+        option("Distance of the walls of the two halves; half a median diameter by default.", "m", ge=0),
+    ] = None,
     friction: Friction = None,
     compaction_friction: CompactionFriction = None,
     **run: Unpack[Run],
@@ -151,8 +166,8 @@ def direct_shear(
     Parameters
     ----------
     packing : Packing
-        Grains free of overlap. In planar work the height is along y. With a seed they are set apart in a box twice as
-        long as it is high and deep; without, they start where they are, in the box that their domain is.
+        Grains free of overlap. In planar work the height is along y. With a seed they are set apart in a box of
+        ``aspect``; without, they start where they are, in the box that their domain is.
 
     Returns
     -------
@@ -170,7 +185,8 @@ def direct_shear(
     the same friction with floor and lid; the walls of the halves are smooth.
     """
     grains = as_asked(packing, run)
-    box = ShearBox(grains, rng=run["rng"])
+    opening = 0.5 * units(grains, 1.0).length if gap is None else gap
+    box = ShearBox(grains, rng=run["rng"], aspect=aspect, gap=opening)
     options = options_of(
         run,
         friction=friction,
@@ -218,7 +234,7 @@ class _DirectShear(Staged[DirectShearReport]):
         height, way = box.height(engine), engine.axle("shear")[0] / box.length
         area = box.area * (1.0 - way)
         inner_normal, inner_shear = self.mean_inner(now)
-        normal, shear = forces["lift"] / area, -forces["shear"] / area
+        normal, shear = (forces["lift"] + forces["walls"]) / area, -forces["shear"] / area
         return DirectShearSample(
             time=engine.time,
             stage=float(self.begun is not None),
@@ -252,8 +268,18 @@ class _DirectShear(Staged[DirectShearReport]):
         return np.asarray(np.maximum(lower - positions, positions - upper)[:, : self.box.up + 1].max(axis=1))
 
     def mark(self) -> dict[str, Any]:
-        """Return the height [d] of the bed as shear begins."""
-        return {"height": self.box.height(self.scene.engine)}
+        """Return the height [d] of the bed as shear begins, and warn of a box that is small for its grains."""
+        height, largest = self.box.height(self.scene.engine), self.largest()
+        if self.box.length < LEAST_LENGTH * largest or height < LEAST_HEIGHT * largest:
+            LOG.warning(
+                "the box is %.1f of its largest grains long and %.1f high, and standards of soil testing ask for %g "
+                "and %g: end walls bear the shear, and the bed looks stronger than it is; take more grains, or a ring",
+                self.box.length / largest,
+                height / largest,
+                LEAST_LENGTH,
+                LEAST_HEIGHT,
+            )
+        return {"height": height}
 
     def strain_of(self, row: DirectShearSample) -> float:
         """Return the way of the upper half."""
@@ -264,8 +290,8 @@ class _DirectShear(Staged[DirectShearReport]):
         return row.normal_stress, row.normal_stress_contacts
 
     def held(self, row: DirectShearSample) -> float:
-        """Return the pressure that is held at one while the bed is sheared."""
-        return row.normal_stress
+        """Return the pressure that is held at one while the bed is sheared: that on the whole floor."""
+        return float(row.normal_stress * (1.0 - row.displacement))
 
     def sides(self) -> Floats:
         """Return the present sides [d] of the sample."""

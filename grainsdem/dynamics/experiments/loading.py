@@ -215,11 +215,14 @@ class Staged(Trial[Report]):
         """Return the present sides [d] of the sample."""
         raise NotImplementedError
 
+    def largest(self) -> float:
+        """Return the diameter [d] of the largest grain."""
+        return float(grain_diameters(self.scene.source.grains).max()) / self.scene.units.length
+
     def size_ratio(self) -> float:
         """Return the least side of the sample so far over the diameter of its largest grain."""
-        largest = float(grain_diameters(self.scene.source.grains).max()) / self.scene.units.length
         least = float(self.sides().min())
-        return min(least, self.begun["least_side"] if self.begun else least) / largest
+        return min(least, self.begun["least_side"] if self.begun else least) / self.largest()
 
     def standing(self) -> dict[str, Any]:
         """Return what a `LoadingReport` has besides what was measured."""

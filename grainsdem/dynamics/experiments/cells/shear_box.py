@@ -21,9 +21,6 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-ASPECT = 2.0
-"""Length of the box over its height, and over its depth."""
-
 GUESSED_FRACTION = 0.55
 """Solid fraction from which the height of a bed that was set apart is guessed: the halves part at its middle."""
 
@@ -39,13 +36,18 @@ class ShearBox:
     packing : Packing
         The grains; in planar work y is the height and there is no depth.
     rng : numpy.random.Generator, int or None
-        Where given, grains are set apart in a box twice as long as it is high; else they are in the box already.
+        Where given, grains are set apart in a box of the aspect; else they are in the box already.
+    aspect : float
+        Length of that box over its height, and over its depth.
+    gap : float
+        Distance [m] of the walls of the two halves: grains that walls meet edge to edge over are caught between them.
     """
 
-    def __init__(self, packing: Packing, *, rng: Seed) -> None:
+    def __init__(self, packing: Packing, *, rng: Seed, aspect: float, gap: float) -> None:
         self.up = 1 if packing.domain.is_planar else 2
         is_apart = rng is not None
-        self.packing = _spread(packing, self.up, rng) if is_apart else packing
+        self._gap = gap
+        self.packing = _spread(packing, self.up, rng, aspect) if is_apart else packing
         corners = world_vertices(self.packing)
         self._lower, self._upper = self.packing.domain.lower.copy(), self.packing.domain.upper.copy()
         self._lower[self.up], self._upper[self.up] = corners[:, self.up].min(), corners[:, self.up].max()
@@ -61,16 +63,18 @@ class ShearBox:
         self.lower, self.upper = self._lower / units.length, self._upper / units.length
         self.split = float(self._split / units.length)
         up, sides = self.up, self.upper - self.lower
+        half_gap = float(0.5 * self._gap / units.length)
         self.length, self.area = float(sides[0]), float(np.prod(sides) / sides[up])
         apparatus.set_gravity((0.0, 0.0, 0.0))
         self._add(apparatus, None, "floor_plate", (up, 0, self.lower[up]), friction=friction)
-        self._add_walls(apparatus, None, "lower", self.lower[up] - 1.0, self.split)
-        drive = apparatus.add_body("upper", (0.0, 0.0, 0.0), [("shear", "slide", (1.0, 0.0, 0.0))], mass=HEAVY)
-        self._add_walls(apparatus, drive, "upper", self.split, self.upper[up] + 1.0)
+        self._add_walls(apparatus, None, "lower", self.lower[up] - 1.0, self.split - half_gap)
+        here, along = (0.0, 0.0, 0.0), np.eye(3)[up]
+        drive = apparatus.add_body("drive", here, [("shear", "slide", (1.0, 0.0, 0.0))], mass=1.0)
+        # The walls of the upper half stay at their height; their joint tells what they bear.
+        walls = apparatus.add_body("upper", here, [("walls", "slide", along)], mass=HEAVY, parent=drive)
+        self._add_walls(apparatus, walls, "upper", self.split + half_gap, self.upper[up] + 1.0)
         self._plate = 0.25 * self.area
-        lid = apparatus.add_body(
-            "lid", (0.0, 0.0, 0.0), [("lift", "slide", np.eye(3)[up])], mass=self._plate, parent=drive
-        )
+        lid = apparatus.add_body("lid", here, [("lift", "slide", along)], mass=self._plate, parent=drive)
         self._add(apparatus, lid, "lid_plate", (up, 1, self.upper[up]), friction=friction)
 
     def _add_walls(self, apparatus: Apparatus, body: Any, name: str, bottom: float, top: float) -> None:
@@ -104,15 +108,21 @@ class ShearBox:
 
     def meter(self, engine: Engine) -> Meter:
         """Return what drives the upper half and pushes the lid."""
-        return Meter(engine, {"lift": self._plate, "shear": HEAVY + self._plate})
+        return Meter(engine, {"lift": self._plate, "walls": HEAVY, "shear": 1.0 + HEAVY + self._plate})
 
     def height(self, engine: Engine) -> float:
         """Return the distance [d] of floor and lid now."""
         return float(self.upper[self.up] - self.lower[self.up]) + engine.axle("lift")[0]
 
     def hold(self, meter: Meter, engine: Engine, *, limit_speed: float = np.inf) -> None:
-        """Push the lid down with a pressure of one on the whole box, less where it moves."""
-        meter.push("lift", -self.area * (1.0 + engine.axle("lift")[1] / limit_speed))
+        """Push the lid down with a pressure of one on the whole box, less where it moves or walls bear a part.
+
+        Grains at the ends push on the lower faces of the upper walls, and those press on the plane between the halves
+        as the lid does: what they bore lately is taken off the lid.
+        """
+        load = max(0.0, self.area - meter.last["walls"])
+        meter.push("lift", -load - self.area * engine.axle("lift")[1] / limit_speed)
+        meter.drive("walls", 0.0)
 
     def gather(self, meter: Meter, engine: Engine) -> None:
         """Push the lid down onto grains that are still apart, with the halves above each other."""
@@ -120,13 +130,13 @@ class ShearBox:
         meter.drive("shear", 0.0)
 
 
-def _spread(packing: Packing, up: int, rng: Seed) -> Packing:
+def _spread(packing: Packing, up: int, rng: Seed, aspect: float) -> Packing:
     """Return the grains set apart over the floor of a box that they fill to its height when they are compressed."""
     domain = packing.domain
     fraction = PLANAR_FRACTION if domain.is_planar else GUESSED_FRACTION
     filled = float(volumes(packing.grains).sum()) / fraction
     if up == 1:
-        height = float(np.sqrt(filled / domain.lengths[2] / ASPECT))
-        return set_apart_in_block(packing, rng=rng, lengths=np.array([ASPECT * height]))
-    height = float(np.cbrt(filled / ASPECT))
-    return set_apart_in_block(packing, rng=rng, lengths=np.array([ASPECT * height, height]))
+        height = float(np.sqrt(filled / domain.lengths[2] / aspect))
+        return set_apart_in_block(packing, rng=rng, lengths=np.array([aspect * height]))
+    height = float(np.cbrt(filled / aspect))
+    return set_apart_in_block(packing, rng=rng, lengths=np.array([aspect * height, height]))
