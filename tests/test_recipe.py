@@ -61,6 +61,23 @@ def test_the_example_recipe_can_be_read():
     assert recipe.settle.start == "pour"
 
 
+def test_a_settling_takes_two_materials_and_walls_by_name():
+    table = recipes.parse(
+        """
+        domain = {side = 3e-3}
+        seeds = {count = 27}
+        grains = {porosity = 0.4}
+        [settle]
+        friction = {"0.3" = 0.5, "0.6" = 0.5}
+        wall_friction = {floor = 0.6, wall_x0 = 0}
+        mixing = "min"
+        """
+    ).settle
+    assert table.friction == {0.3: 0.5, 0.6: 0.5}
+    assert table.wall_friction == {"floor": 0.6, "wall_x0": 0.0}
+    assert table.mixing == "min"
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
