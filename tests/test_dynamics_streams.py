@@ -61,7 +61,7 @@ def test_what_is_absent_touches_nothing_and_stays_until_it_is_put_in_again():
     engine.set_present([True, True])
     raised = before[0] + [0.0, 0.0, 2.5]
     turn = np.array([np.cos(0.3), 0.0, np.sin(0.3), 0.0])
-    engine.place([0], [raised], [turn], [[0.0, 0.0, -0.5]])
+    engine.insert([0], [raised], [turn], [[0.0, 0.0, -0.5]])
     motion = engine.motion()
     np.testing.assert_allclose(motion.positions[0], raised, atol=1e-12)
     np.testing.assert_allclose(motion.quaternions[0], turn, atol=1e-12)
@@ -78,7 +78,7 @@ def test_a_planar_grain_is_put_where_it_is_to_be_however_it_was_turned():
     engine = scene.engine
     place, half = scene.poses()[0][2] + [0.7, 3.0, 0.0], 1.1
     turn = np.array([np.cos(half), 0.0, 0.0, np.sin(half)])
-    engine.place([2], [place], [turn], [[0.3, -0.2, 0.0]])
+    engine.insert([2], [place], [turn], [[0.3, -0.2, 0.0]])
     motion = engine.motion()
     np.testing.assert_allclose(motion.positions[2], place, atol=1e-9)
     assert abs(motion.quaternions[2] @ turn) == pytest.approx(1.0, abs=1e-9)

@@ -42,7 +42,8 @@ from grainsdem.dynamics.experiments import (
     triaxial,
 )
 from grainsdem.dynamics.loop import Progress
-from grainsdem.dynamics.settle import Settled, SettleReport, settle
+from grainsdem.dynamics.settle import settle
+from grainsdem.dynamics.settled import Settled, SettleReport
 from grainsdem.dynamics.starting import with_densities, with_frictions
 
 __all__ = [

@@ -135,7 +135,13 @@ class Apparatus:
         self._add(body, {"name": name, "type": kind, "size": _numbers(size), **place}, friction, is_solid)
 
     def add_hull(
-        self, body: Element | None, name: str, corners: ArrayLike, *, friction: float | None = 0.0, is_solid: bool = False
+        self,
+        body: Element | None,
+        name: str,
+        corners: ArrayLike,
+        *,
+        friction: float | None = 0.0,
+        is_solid: bool = False,
     ) -> None:
         """Add the convex hull of corners, shape (n, 3), in the part's frame, to a part or to the world."""
         self.add_mesh(name, corners)
@@ -159,7 +165,9 @@ class Apparatus:
         """Return the names of all elements of a kind, such as ``body``."""
         return {element.attrib["name"] for element in self._root.iter(tag) if "name" in element.attrib}
 
-    def _add(self, body: Element | None, attributes: dict[str, str], friction: float | None, is_solid: bool = False) -> None:
+    def _add(
+        self, body: Element | None, attributes: dict[str, str], friction: float | None, is_solid: bool = False
+    ) -> None:
         """Add a shape to a part, or to the world."""
         shape = ET.Element("geom", {**attributes, "material": "wall", **(_SOLID if is_solid else _PART)})
         # MuJoCo takes the larger friction of a pair unless one has priority.

@@ -131,9 +131,9 @@ class Engine(Protocol):
         """Say which grains take part, shape (n,), until the next call: others touch nothing, and stay if `still`."""
 
     def still(self, grains: ArrayLike) -> None:
-        """Let these grains, by number, stop where they are, weightless until they are placed."""
+        """Let these grains, by number, stop where they are, weightless until they are inserted."""
 
-    def place(self, grains: ArrayLike, positions: ArrayLike, quaternions: ArrayLike, velocities: ArrayLike) -> None:
+    def insert(self, grains: ArrayLike, positions: ArrayLike, quaternions: ArrayLike, velocities: ArrayLike) -> None:
         """Put these grains, by number, somewhere [d], with their weight, moving at velocities [d/t] without spin."""
 
     def step(self, n_steps: int) -> None:

@@ -11,6 +11,8 @@ import numpy as np
 from exporters.mjcf.log import quiet
 from grainsdem.dynamics.engine import cache
 from grainsdem.dynamics.engine.contract import Contacts, EngineError, Motion
+from grainsdem.dynamics.engine.names import name_of_coordinate, name_parts
+from grainsdem.dynamics.engine.poses import set_poses
 from grainsdem.errors import InputError
 from grainsdem.geometry.rotations import to_matrices
 
@@ -91,7 +93,7 @@ class MujocoEngine:
         moments = model.body_inertia[self.body_of_grain]
         self.inertias = np.einsum("nij,nj,nkj->nik", turns, moments, turns)
         self.is_glued = np.asarray(model.body_dofnum[self.body_of_grain] == 0)
-        self.parts, self._id_of_geom = _name_parts(model, names, self.grain_of_body)
+        self.parts, self._id_of_geom = name_parts(model, names, self.grain_of_body)
         self._axles = {
             model.joint(j).name: (int(model.jnt_qposadr[j]), int(model.jnt_dofadr[j])) for j in range(model.njnt)
         }
@@ -198,27 +200,17 @@ class MujocoEngine:
             getattr(self.model, kind)[rows] = np.where(self.is_present[numbers], before[rows], 0)
 
     def still(self, grains: ArrayLike) -> None:
-        """Let these grains, by number, stop where they are, weightless until they are placed."""
+        """Let these grains, by number, stop where they are, weightless until they are inserted."""
         ids = np.asarray(grains, dtype=np.int64)
         for rows, dofs, _ in self._loose_dofs():
             self.data.qvel[dofs[np.isin(rows, ids)]] = 0.0
         self.data.xfrc_applied[self.body_of_grain[ids], :3] = -self.masses[ids, None] * self.gravity
 
-    def place(self, grains: ArrayLike, positions: ArrayLike, quaternions: ArrayLike, velocities: ArrayLike) -> None:
+    def insert(self, grains: ArrayLike, positions: ArrayLike, quaternions: ArrayLike, velocities: ArrayLike) -> None:
         """Put these grains, by number, somewhere [d], with their weight, moving at velocities [d/t] without spin."""
         ids = np.asarray(grains, dtype=np.int64)
         bodies = self.body_of_grain[ids]
-        places, turns = np.asarray(positions, np.float64), np.asarray(quaternions, np.float64)
-        first = self.model.jnt_qposadr[self.model.body_jntadr[bodies]]
-        is_planar = self.model.body_dofnum[bodies] == 3
-        free = first[~is_planar, None] + np.arange(7)
-        self.data.qpos[free] = np.column_stack([places, turns])[~is_planar]
-        # A planar grain slides and turns from where it was written, along its own axes there.
-        began, faced = self.model.body_pos[bodies], self.model.body_quat[bodies]
-        moved = np.einsum("nji,nj->ni", to_matrices(faced), places - began)[:, :2]
-        turned = 2 * (np.arctan2(turns[:, 3], turns[:, 0]) - np.arctan2(faced[:, 3], faced[:, 0]))
-        planar = first[is_planar, None] + np.arange(3)
-        self.data.qpos[planar] = np.column_stack([moved, turned])[is_planar]
+        set_poses(self.model, self.data, bodies, np.asarray(positions, np.float64), np.asarray(quaternions, np.float64))
         self._set_velocities(ids, np.asarray(velocities, np.float64))
         self.data.xfrc_applied[bodies, :3] = 0.0
 
@@ -361,17 +353,13 @@ class MujocoEngine:
         for kind in map(warning, range(warning.mjNWARNING)):
             if self.data.warning[kind].number:
                 at = int(self.data.warning[kind].lastinfo)
-                where = self._name_of_coordinate(at, is_speed=kind != moving[0]) if kind in moving else str(at)
+                where = (
+                    name_of_coordinate(self.model, self.grain_of_body, at, is_speed=kind != moving[0])
+                    if kind in moving
+                    else str(at)
+                )
                 return f"MuJoCo's warning {kind.name}, {where}"
         return ""
-
-    def _name_of_coordinate(self, number: int, *, is_speed: bool) -> str:
-        """Return what body a position's or a speed's number belongs to."""
-        first = self.model.jnt_dofadr if is_speed else self.model.jnt_qposadr
-        joint = int(np.searchsorted(first, number, side="right")) - 1
-        body = int(self.model.jnt_bodyid[joint])
-        grain = self.grain_of_body[body]
-        return f"grain {grain}" if grain >= 0 else str(self.model.body(body).name)
 
     def _loose_dofs(self) -> list[tuple[NDArray[np.intp], NDArray[np.intp], int]]:
         """Return numbers, places of all speeds, and how many of these are the centroid's, of free and planar grains."""
@@ -411,23 +399,3 @@ class MujocoEngine:
             yield
         finally:
             option.solver, option.iterations, option.tolerance, option.noslip_iterations = before
-
-
-def _name_parts(
-    model: Any, bodies: list[str], grain_of_body: NDArray[np.int64]
-) -> tuple[tuple[str, ...], NDArray[np.int64]]:
-    """Return the parts' names and, for each geom, its grain's number or −1 − its part's, shape (n_geoms,)."""
-    parts: list[str] = []
-    ids = np.empty(model.ngeom, dtype=np.int64)
-    for geom, body in enumerate(model.geom_bodyid.tolist()):
-        moves_freely = grain_of_body[body] >= 0 and model.body_dofnum[body] > 0
-        if moves_freely:
-            ids[geom] = grain_of_body[body]
-            continue
-        holder = model.body_parentid[body] if grain_of_body[body] >= 0 else body  # a glued grain belongs to its plate
-        # The walls of the container are parts of their own.
-        name = model.geom(geom).name if bodies[holder] in ("world", "container") else bodies[holder]
-        if name not in parts:
-            parts.append(name)
-        ids[geom] = -1 - parts.index(name)
-    return tuple(parts), ids

@@ -16,6 +16,8 @@ from grainsdem.model import Domain, Packing
 from grainsdem.packing.carve import select
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
     from numpy.typing import NDArray
 
     from grainsdem.dynamics.experiments.shared import Run
@@ -57,6 +59,20 @@ def plate_friction(packing: Packing, friction: float | None) -> float | None:
     """
     found = frictions(replace(packing, provenance=()), friction)
     return found.grains if found.own is None else None
+
+
+def wall_friction_of(
+    packing: Packing, friction: float | None, wall_friction: float | Mapping[str, float] | None
+) -> Callable[[str], float | None]:
+    """Return what tells the friction of a part that stands for a wall, by the wall's name."""
+    found = frictions(replace(packing, provenance=()), friction, wall_friction)
+    usual = plate_friction(packing, friction)
+
+    def of_wall(name: str) -> float | None:
+        own = found.of_wall(name)
+        return usual if own is None else own
+
+    return of_wall
 
 
 def in_block(packing: Packing, run: Run) -> Packing:

@@ -13,8 +13,8 @@ from grainsdem.dynamics.experiments.drums.shell import COVER, Shell
 from grainsdem.dynamics.experiments.registry import experiment
 from grainsdem.dynamics.experiments.resting import Resting
 from grainsdem.dynamics.experiments.rig import RunReport, assemble
-from grainsdem.dynamics.experiments.shared import Friction, Gravity, Run, WallFriction
-from grainsdem.dynamics.experiments.start import as_asked, options_of
+from grainsdem.dynamics.experiments.shared import Friction, Gravity, Run
+from grainsdem.dynamics.experiments.start import as_asked, options_of, plate_friction
 from grainsdem.dynamics.mechanics import snapshot
 from grainsdem.errors import InputError
 from grainsdem.model import Packing
@@ -175,8 +175,11 @@ def drum(
     lifter_height: Annotated[
         float | None, option("How far they reach inward; a median diameter by default.", "m", gt=0)
     ] = None,
-    friction: Friction = 0.5,
-    wall_friction: WallFriction = None,
+    friction: Friction = None,
+    wall_friction: Annotated[
+        float | None,
+        option("Coefficient of friction with shell and lifters; by default as among grains.", ge=0),
+    ] = None,
     end_friction: Annotated[
         float, option("Coefficient of friction with the two ends: smooth ones stand for a slice of a long drum.", ge=0)
     ] = 0.0,
@@ -216,7 +219,7 @@ def drum(
         lambda apparatus: shell.furnish(
             apparatus,
             scales,
-            friction=friction if wall_friction is None else wall_friction,
+            friction=plate_friction(grains, friction) if wall_friction is None else wall_friction,
             end_friction=end_friction,
             lifters=lifters,
             lifter_height=lifter_height,

@@ -84,7 +84,7 @@ class Shell:
             raise InputError(f"a drum {self._length:.4g} m long is shorter than the largest grain, {step:.4g} m")
         self.packing = self._above(packing, rng)
 
-    def furnish(self, apparatus: Apparatus, units: GrainUnits, *, friction: float, end_friction: float,
+    def furnish(self, apparatus: Apparatus, units: GrainUnits, *, friction: float | None, end_friction: float,
                 lifters: int, lifter_height: float | None) -> None:  # fmt: skip
         """Add the drum, which turns about its axis."""
         self.radius, self.length = self._radius / units.length, self._length / units.length
@@ -112,7 +112,7 @@ class Shell:
                 inner=self.radius - height, half=(0.5 * height, 0.5 * THICKNESS), friction=friction,
             )  # fmt: skip
 
-    def _add_shell(self, apparatus: Apparatus, friction: float) -> None:
+    def _add_shell(self, apparatus: Apparatus, friction: float | None) -> None:
         """Add the facets."""
         turn = np.pi / FACETS
         apothem = self.radius * np.sqrt(turn / np.tan(turn))
@@ -122,7 +122,7 @@ class Shell:
 
     def _add_facet(
         self, apparatus: Apparatus, name: str, angle: float, *, inner: float, half: tuple[float, float],
-        friction: float,
+        friction: float | None,
     ) -> None:  # fmt: skip
         """Add a box that begins at a radius, at an angle about the axis; half sizes are radial and tangential."""
         size, place, turn = np.empty(3), np.zeros(3), np.zeros(4)

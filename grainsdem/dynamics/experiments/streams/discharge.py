@@ -13,7 +13,7 @@ from grainsdem.dynamics.experiments.registry import experiment
 from grainsdem.dynamics.experiments.resting import pour
 from grainsdem.dynamics.experiments.rig import RunReport, assemble
 from grainsdem.dynamics.experiments.shared import Friction, Gravity, Run, WallFriction
-from grainsdem.dynamics.experiments.start import options_of
+from grainsdem.dynamics.experiments.start import options_of, wall_friction_of
 from grainsdem.dynamics.experiments.streams.inlet import Inlet, inlet_box, seed_of
 from grainsdem.dynamics.experiments.streams.outlet import GATE, Outlet
 from grainsdem.dynamics.experiments.streams.stream import Stream
@@ -152,7 +152,7 @@ def discharge(
         ),
     ] = None,
     refill: Annotated[bool, option("Feed grains that have left in again, above the bed, for a steady flow.")] = False,
-    friction: Friction = 0.5,
+    friction: Friction = None,
     wall_friction: WallFriction = None,
     gravity: Gravity = 9.81,
     max_time: Annotated[float, option("Time limit after the opening.", "√(d/g)", gt=0)] = 200.0,
@@ -188,7 +188,7 @@ def discharge(
     options = options_of(run, friction=friction, wall_friction=wall_friction, gravity=gravity)
     grains = pour(packing, run)
     outlet = Outlet(grains, opening)
-    rough = friction if wall_friction is None else wall_friction
+    rough = wall_friction_of(grains, friction, wall_friction)
     scales = units(grains, options.gravity)
     scene = assemble(
         grains, options, lambda apparatus: outlet.furnish(apparatus, scales, friction=rough), spheres=run["spheres"]

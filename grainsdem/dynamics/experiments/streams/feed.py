@@ -130,7 +130,7 @@ def feed(
         option("Walls that are left out, such as wall_x1: a grain that has passed one is taken out.", min_length=1),
     ] = None,
     recirculate: Annotated[bool, option("Feed grains that were taken out in again, until time is up.")] = False,
-    friction: Friction = 0.5,
+    friction: Friction = None,
     wall_friction: WallFriction = None,
     gravity: Gravity = 9.81,
     max_time: Annotated[

@@ -11,6 +11,8 @@ from grainsdem.measures import diameters
 from grainsdem.model import Domain
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     from exporters.mjcf import GrainUnits
@@ -70,17 +72,17 @@ class Outlet:
                 f"leave; got {self.width:.4g} m"
             )
 
-    def furnish(self, apparatus: Apparatus, units: GrainUnits, *, friction: float) -> None:
+    def furnish(self, apparatus: Apparatus, units: GrainUnits, *, friction: Callable[[str], float | None]) -> None:
         """Replace the container's floor, and what leans, by parts with an end, and close the outlet."""
         domain = self.domain.scaled(1 / units.length)
         self.lower, self.upper, self.planes = domain.lower, domain.upper, domain.planes
         self.floor, width = float(self.lower[self.up]), self.width / units.length
         self.middle = 0.5 * (self.lower + self.upper)
-        container = apparatus.container
-        apparatus.remove_wall("wall_y0" if self.up == 1 else "floor")
+        container, floor = apparatus.container, "wall_y0" if self.up == 1 else "floor"
+        apparatus.remove_wall(floor)
         for k in self.leaning.tolist():
             apparatus.remove_wall(f"wall_p{k}")
-            apparatus.add_hull(container, f"plate_{k}", _plate(domain, k), friction=friction)
+            apparatus.add_hull(container, f"plate_{k}", _plate(domain, k), friction=friction(f"wall_p{k}"))
         if self.leaning.size:
             self.half = (0.5 * (self._bottom[1] - self._bottom[0]) / units.length)[: self.up]
             self.middle = 0.5 * self._bottom.sum(axis=0) / units.length
@@ -88,13 +90,13 @@ class Outlet:
             self.half = np.full(self.up, 0.5 * width)
             pieces = self._slot(0.5 * width) if self.up == 1 else self._hole(0.5 * width)
             for k, corners in enumerate(pieces):
-                apparatus.add_hull(container, f"floor_{k}", corners, friction=friction)
+                apparatus.add_hull(container, f"floor_{k}", corners, friction=friction(floor))
         size, place = np.full(3, 0.5 * THICKNESS), self.middle.copy()
         size[: self.up] = self.half + (THICKNESS if self.leaning.size else 0.0)
         place[self.up] = self.floor - 0.5 * THICKNESS
         if self.up == 1:
             size[2] = self.upper[2] - self.lower[2] + 1.0
-        apparatus.add_shape(container, GATE, "box", size, position=place, friction=friction)
+        apparatus.add_shape(container, GATE, "box", size, position=place, friction=friction(floor))
 
     def above(self, positions: Floats) -> NDArray[np.bool_]:
         """Return which centroids [d], shape (n, 3), are over the middle half of the opening, shape (n,).

@@ -77,7 +77,7 @@ class Stream(Resting[Report]):
             self.n_entered[found.grains] += 1
             self._set_present(found.grains, is_present=True)
             velocities = np.tile(self._velocity, (len(found.grains), 1))
-            self.scene.engine.place(found.grains, found.positions, found.quaternions, velocities)
+            self.scene.engine.insert(found.grains, found.positions, found.quaternions, velocities)
 
     def _set_present(self, grains: NDArray[np.int64], *, is_present: bool) -> None:
         """Say that some grains, by number, are there or are not."""

@@ -160,7 +160,7 @@ def own_part(
             "time, positions and speeds alone.",
         ),
     ] = None,
-    friction: Friction = 0.5,
+    friction: Friction = None,
     wall_friction: WallFriction = None,
     gravity: Gravity = 9.81,
     **run: Unpack[Run],

@@ -69,7 +69,7 @@ class Body:
     half: Floats
     volume: float
 
-    def furnish(self, apparatus: Apparatus, element: Any, length: float, *, friction: float) -> None:
+    def furnish(self, apparatus: Apparatus, element: Any, length: float, *, friction: float | None) -> None:
         """Add the shapes to a part of an apparatus, in units of ``length`` [m]."""
         for number, shape in enumerate(self.shapes):
             name, numbers = f"{NAME}_{number}", shape.numbers / length

@@ -15,7 +15,7 @@ from grainsdem.dynamics.experiments.registry import experiment
 from grainsdem.dynamics.experiments.resting import pour
 from grainsdem.dynamics.experiments.rig import assemble
 from grainsdem.dynamics.experiments.shared import Friction, Gravity, Run, WallFriction
-from grainsdem.dynamics.experiments.start import options_of
+from grainsdem.dynamics.experiments.start import options_of, plate_friction
 from grainsdem.errors import InputError
 from grainsdem.geometry.rotations import world_vertices
 from grainsdem.model import Packing
@@ -86,7 +86,7 @@ def penetration(
         float | None, option("How far the wheel goes; by default what the box's length leaves.", "m", gt=0)
     ] = None,
     max_time: Annotated[float | None, option("Time limit of what was dropped; 50 by default.", "√(d/g)", gt=0)] = None,
-    friction: Friction = 0.5,
+    friction: Friction = None,
     wall_friction: WallFriction = None,
     body_friction: Annotated[
         float | None, option("Coefficient of friction of grains with the body; by default as among grains.", ge=0)
@@ -141,7 +141,8 @@ def penetration(
 
     def furnish(apparatus: Apparatus) -> None:
         part = apparatus.add_body(NAME, start, joints_of(course, up), mass=course.mass, armatures=armatures_of(course))
-        made.furnish(apparatus, part, units.length, friction=friction if body_friction is None else body_friction)
+        own = plate_friction(bed, friction) if body_friction is None else body_friction
+        made.furnish(apparatus, part, units.length, friction=own)
 
     options = options_of(run, friction=friction, wall_friction=wall_friction, gravity=gravity)
     return Pushing(assemble(bed, options, furnish, spheres=run["spheres"]), made, course, start)
