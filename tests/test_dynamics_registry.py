@@ -63,13 +63,18 @@ def test_every_option_has_a_sentence_wherever_it_is_told(name):
 
 @pytest.mark.unit
 @EVERY
-def test_every_experiment_says_what_it_will_take_and_keeps_to_max_hours(name, caplog, tmp_path):
-    function = getattr(dynamics, name)
+def test_every_experiment_says_what_it_will_take_and_keeps_to_max_hours(name, caplog, tmp_path, tmp_path_factory):
+    function, needs = getattr(dynamics, name), {}
+    if name == "own_part":
+        needs["duration"], needs["model"] = 1.0, tmp_path_factory.mktemp("part") / "ball.xml"
+        needs["model"].write_text(
+            '<mujoco><worldbody><body pos="2e-3 2e-3 0.02"><freejoint/><geom size="1e-3"/></body></worldbody></mujoco>'
+        )
     with (
         caplog.at_level("INFO", logger="grainsdem"),
         pytest.raises(InputError, match=r"takes too long: 120 grains: .*max_hours is 1e-09"),
     ):
-        function(grow(120), rng=1, max_hours=1e-9, history_path=tmp_path / "history.h5")
+        function(grow(120), rng=1, max_hours=1e-9, history_path=tmp_path / "history.h5", **needs)
     assert list(tmp_path.iterdir()) == []
     assert not caplog.messages
 

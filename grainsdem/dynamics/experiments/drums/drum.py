@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, Unpack
 import numpy as np
 
 from exporters.mjcf import units
+from grainsdem.dynamics.budget import SETTLING_TIME
 from grainsdem.dynamics.experiments.drums.mixing import lacey_index
 from grainsdem.dynamics.experiments.drums.shell import COVER, Shell
+from grainsdem.dynamics.experiments.drums.surface import surface_angle
 from grainsdem.dynamics.experiments.registry import experiment
 from grainsdem.dynamics.experiments.resting import Resting
 from grainsdem.dynamics.experiments.rig import RunReport, assemble
@@ -45,9 +47,6 @@ N_SAMPLES = 200
 
 STEADY_TURNS = 0.5
 """Turns, or half of them all where that is less, after which the flow counts as steady."""
-
-CHORD = 0.5
-"""Middle share of the bed's chord in which the slope of the surface is taken."""
 
 CELL = 2.5
 """Width [d] of the cells in which mixing is judged: a few grains in each."""
@@ -302,6 +301,10 @@ class _Drum(Resting[DrumReport]):
             mixing=float(np.nan_to_num(mixing)),
         )
 
+    def expected_time(self) -> float:
+        """Return the time [t] that the bed takes to rest, and the drum for its turns."""
+        return SETTLING_TIME + RAMP_TIME + 2 * np.pi * self.n_turns / self.speed
+
     def is_over(self) -> bool:
         """Return whether the drum has turned as often as it should."""
         return self.begun is not None and self.samples[-1].turns >= self.n_turns
@@ -359,39 +362,3 @@ class _Drum(Resting[DrumReport]):
             is_settled=begun["is_at_rest"],
             **self.cost(),
         )
-
-
-def surface_angle(side: Floats, height: Floats, guess: float) -> float:
-    """Return the slope [rad] of a bed's surface across a drum, NaN where it has too few grains.
-
-    Parameters
-    ----------
-    side, height : ndarray, shape (n,)
-        Centroids [d] across the axis.
-    guess : float
-        Slope [rad] from which the middle of the chord is found.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> x, y = np.meshgrid(np.arange(-8.0, 9.0) / 2, np.arange(-6.0, 1.0) / 2)
-    >>> turned = np.exp(0.5j) * (x + 1j * y).ravel()
-    >>> round(surface_angle(turned.real, turned.imag, 0.45), 6)
-    0.5
-    """
-    turned = np.exp(-1j * guess) * (side + 1j * height)
-    along, above = turned.real, turned.imag
-    low, high = np.quantile(along, [0.02, 0.98])
-    middle, half = 0.5 * (low + high), 0.5 * CHORD * (high - low)
-    n_bins = max(int(2 * half), 3)
-    bins = np.floor((along - middle + half) / (2 * half) * n_bins).astype(int)
-    inside = (bins >= 0) & (bins < n_bins)
-    tops, where = np.full(n_bins, -np.inf), np.zeros(n_bins)
-    for k in np.flatnonzero(inside).tolist():
-        if above[k] > tops[bins[k]]:
-            tops[bins[k]], where[bins[k]] = above[k], along[k]
-    seen = np.isfinite(tops)
-    if seen.sum() < 3:
-        return float("nan")
-    slope = float(np.polyfit(where[seen], tops[seen], 1)[0])
-    return guess + float(np.arctan(slope))

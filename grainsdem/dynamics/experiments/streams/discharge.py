@@ -145,8 +145,8 @@ def discharge(
     opening: Annotated[
         float | None,
         option(
-            "Diameter of a round hole in the middle of a box's floor, or width of a slot in planar work; five median "
-            "diameters by default. A hopper opens its whole bottom.",
+            "Diameter of a round hole in the middle of a box's floor, or width of a slot in planar work; by default "
+            "five median diameters, or half the floor where that is narrower. A hopper opens its whole bottom.",
             "m",
             gt=0,
         ),

@@ -210,7 +210,7 @@ class _Feed(Stream[FeedReport]):
         super().__init__(scene, max_time, inlet, speed)
         self.options, self.release, self.recirculates, self._flow = options, release, recirculates, flow
         self._sides = _sides(scene, release)
-        self._last_due = float(self.masses.sum()) / flow
+        self._limit = max_time + (0.0 if recirculates else float(self.masses.sum()) / flow)
         self.begun = {"time": 0.0, "is_at_rest": True}
         scene.engine.set_present(np.zeros(scene.n_grains, dtype=bool))
         scene.engine.still(np.arange(scene.n_grains))
@@ -255,9 +255,12 @@ class _Feed(Stream[FeedReport]):
 
     def is_over(self) -> bool:
         """Return whether all grains have come in and are at rest, or time is up."""
-        limit = self.max_time + (0.0 if self.recirculates else self._last_due)
         all_in = not self.recirculates and bool((self.n_entered > 0).all())
-        return self.since() >= limit or (all_in and self.is_at_rest())
+        return self.since() >= self._limit or (all_in and self.is_at_rest())
+
+    def expected_time(self) -> float:
+        """Return the time limit [t]; grains may rest before."""
+        return self._limit
 
     def share_done(self, now: FeedSample) -> float:
         """Return the share of the grains that have come in, or of the time where they go round."""

@@ -33,6 +33,9 @@ THICKNESS = 1.0
 WIDEST = 5.0
 """Width of the hole, in median diameters, where none is given."""
 
+SHARE = 0.5
+"""The same over the width of the floor, where that is less: walls near the hole slow the flow."""
+
 
 class Outlet:
     """A round hole in the middle of a box's floor, a slot in planar work, or the open bottom of a hopper.
@@ -42,7 +45,8 @@ class Outlet:
     packing : Packing
         The bed, in a box or a hopper.
     opening : float, optional
-        Diameter of the hole, or width of the slot [m]; five median diameters by default. A hopper has its own.
+        Diameter of the hole, or width of the slot [m]; by default five median diameters, or half the floor where that
+        is narrower. A hopper has its own.
 
     Raises
     ------
@@ -62,8 +66,9 @@ class Outlet:
             sides = (self._bottom[1] - self._bottom[0])[level]
             self.width = float(np.prod(sides) ** (1 / len(sides)))
         else:
-            self.width = WIDEST * float(np.median(sizes)) if opening is None else opening
             narrowest = float(self.domain.lengths[level].min())
+            usual = min(WIDEST * float(np.median(sizes)), SHARE * narrowest)
+            self.width = usual if opening is None else opening
             if self.width > narrowest:
                 raise InputError(f"the opening must be narrower than the floor, {narrowest:.4g} m; got {self.width} m")
         if self.width < largest:
