@@ -78,7 +78,7 @@ def main() -> None:
     place = start + np.array([history["forward"][-1], 0.0, history["lift"][-1]])
     picture = with_plates(scooped.packing, place, float(history["pitch"][-1]))
     colours = np.append(gd.diameters(heap.grains), np.full(len(PLATES), np.nanmin(gd.diameters(heap.grains))))
-    print(f"drawn in {gd.figures.render(picture, arguments.output / 'scoop.png', color_by=colours)}")
+    print(f"drawn in {gd.figures.render(picture, arguments.output / 'scoop.png', color_by=colours, size=(800, 600))}")
 
 
 if __name__ == "__main__":
