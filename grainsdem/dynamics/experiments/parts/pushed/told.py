@@ -115,7 +115,8 @@ class PenetrationReport(RunReport):
     is_settled : bool
         Whether the bed was at rest before the body came.
     is_valid : bool
-        Whether it was, walls and floor were a width of the body away, and nothing overlapped by more than 0.05 d.
+        Whether it was, walls and floor were a width of the body away, nothing overlapped by more than 0.05 d, and no
+        jam threw grains where the body is pressed or rolls.
     reason : str
         Why not.
     """
