@@ -44,8 +44,8 @@ STILL = 5e-3
 ROUND_OFF = 1e-6
 
 THROWN = 0.1
-"""Mean kinetic energy [m g d], besides that of the body's own speed, that grains get where a jam gives way: of discs and
-spheres under a plate it stayed below 0.05, of angular prisms it went to 0.5, and grains flew six diameters high."""
+"""Mean kinetic energy [m g d], besides that of the body's own speed, that grains get where a jam gives way: of discs
+under a plate it stayed below 0.05, of angular prisms it went to 0.5, and grains flew six diameters up."""
 
 
 def joints_of(course: Course, up: int) -> list[tuple[str, str, Floats]]:
