@@ -68,7 +68,7 @@ def test_every_experiment_says_what_it_will_take_and_keeps_to_max_hours(name, ca
     if name == "own_part":
         needs["duration"], needs["model"] = 1.0, tmp_path_factory.mktemp("part") / "ball.xml"
         needs["model"].write_text(
-            '<mujoco><worldbody><body pos="2e-3 2e-3 0.02"><freejoint/><geom size="1e-3"/></body></worldbody></mujoco>'
+            '<mujoco><worldbody><body pos="2e-3 2e-3 0.1"><freejoint/><geom size="1e-3"/></body></worldbody></mujoco>'
         )
     with (
         caplog.at_level("INFO", logger="grainsdem"),
