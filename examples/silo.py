@@ -16,8 +16,8 @@ from grainsdem.figures.curves import Panel, curve_figure
 
 
 def make_grains(n: int) -> gd.Packing:
-    """Return grains of about a millimetre in a box that is as wide as two and a half of the widest openings."""
-    domain = gd.Domain.box(1e-3 * np.array([8.5, 8.5, n / 72.25]))
+    """Return grains of about a millimetre in a box that is more than twice as wide as the widest opening."""
+    domain = gd.Domain.box(1e-3 * np.array([11.5, 11.5, n / 132.25]))
     seeds = gd.relax(gd.points.poisson(domain, n, rng=1), domain, iterations=3)
     return gd.shrink(gd.carve(gd.tessellate(seeds, domain), keep="all"), porosity=0.4)
 
@@ -35,8 +35,8 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="a planar bed of discs, two openings")
     parser.add_argument("--output", type=Path, default=Path(), help="folder for the figure")
     arguments = parser.parse_args()
-    grains = make_prisms(25) if arguments.quick else make_grains(450)
-    widths = np.array([3.0, 4.0]) if arguments.quick else np.array([2.2, 2.6, 3.0, 3.4])
+    grains = make_prisms(25) if arguments.quick else make_grains(800)
+    widths = np.array([3.0, 4.0]) if arguments.quick else np.array([3.4, 4.0, 4.6, 5.2])
     law = 1.5 if arguments.quick else 2.5
     bed = gd.settle(grains, start="pour", spheres=True, friction=0.3, rng=1).packing
     diameter = float(np.median(gd.diameters(bed)))
@@ -48,7 +48,7 @@ def main() -> None:
             spheres=True,
             friction=0.3,
             refill=True,
-            max_time=10.0 if arguments.quick else 40.0,
+            max_time=10.0 if arguments.quick else 30.0,
         ).report
         print(
             f"opening {width} d: {report.grain_rate:.0f} ± {report.grain_rate * report.rate_error / report.rate:.0f} "
