@@ -7,12 +7,14 @@ fewer grains and one seed.
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 import grainsdem as gd
 from grainsdem.figures.curves import Panel, curve_figure
+from grainsdem.figures.seen import section_figure
 
 LOAD = 1.5e-4
 """What the wheel presses with [N]: the weight of a dozen grains."""
@@ -25,16 +27,45 @@ def make_prisms(n: int, shape: tuple[float, float]) -> gd.Packing:
     return gd.shrink(gd.carve(cells, keep="all"), porosity=0.25)
 
 
+def draw_plate(bed: gd.Packing, size: dict[str, float], path: Path) -> None:
+    """Draw a plate in a bed, cut through the plane: the plate as if it were one more grain."""
+    pressed = gd.dynamics.penetration(bed, body="plate", spheres=True, rng=1, **size)
+    grains, domain, half = pressed.packing.grains, pressed.packing.domain, 0.5 * size["width"]
+    corners = np.array([[x, y, z] for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)], float)
+    box = np.array([[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]])
+    shapes = gd.Polyhedra(
+        np.vstack([grains.vertices, [half, half, 0.5 * domain.lengths[2]] * corners]),
+        np.append(grains.vertex_offsets, grains.vertex_offsets[-1] + 8),
+        np.append(grains.face_offsets, grains.face_offsets[-1] + 6),
+        np.append(grains.face_vertices, box.ravel()),
+        np.append(grains.face_vertex_offsets, grains.face_vertex_offsets[-1] + 4 * np.arange(1, 7)),
+    )
+    place = 0.5 * (domain.lower + domain.upper)
+    place[1] = domain.lower[1] + pressed.report.floor_distance + half
+    upper = domain.upper.copy()
+    upper[1] = max(place[1], pressed.packing.positions[:, 1].max()) + 2 * half
+    both = replace(
+        pressed.packing,
+        grains=shapes,
+        positions=np.vstack([pressed.packing.positions, place]),
+        quaternions=np.vstack([pressed.packing.quaternions, [1.0, 0.0, 0.0, 0.0]]),
+        densities=np.append(pressed.packing.densities, 2700.0),
+        domain=replace(domain, upper=upper),
+    )
+    print(f"drawn in {section_figure(gd.section(both, z=float(place[2])), path, color_by='diameter')}")
+
+
 def main() -> None:
     """Print and draw what the bed does to a plate, a wedge and a wheel."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="fewer grains, one seed")
-    parser.add_argument("--output", type=Path, default=Path(), help="folder for the figure")
+    parser.add_argument("--output", type=Path, default=Path(), help="folder for the figures")
     arguments = parser.parse_args()
     n, seeds, slips = (16, 1, (0.2,)) if arguments.quick else (110, 6, (0.0, 0.3, 0.6))
     deep, long = make_prisms(n, (1.2, 1.0)), make_prisms(n, (4.0, 1.0))
     size = {"width": 1e-3, "depth": 0.3e-3} if arguments.quick else {"width": 2.5e-3, "depth": 2e-3}
     radius, speed = (0.5e-3, 0.02) if arguments.quick else (2e-3, 0.02)
+    draw_plate(deep, size, arguments.output / "plate.png")
     curves, works = {}, {}
     for body in ("plate", "cone"):
         runs = gd.ensemble(
