@@ -438,3 +438,48 @@ def test_of_a_periodic_bed_the_nearest_that_there_is_is_named(cube):
     periodic = replace(cube, domain=Domain(lower, upper, periodic=(True, False, False)))
     with pytest.raises(InputError, match=r"no periodic walls; .* take ring_shear"):
         penetration(periodic)
+
+
+def corners_in_the_world(model):
+    """Return the corners of a model's only mesh, sorted."""
+    import mujoco
+
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    (geom,) = (
+        g for g in range(model.ngeom) if model.geom_dataid[g] >= 0 and model.mesh(model.geom_dataid[g]).name[0] != "g"
+    )
+    mesh = model.mesh(model.geom_dataid[geom])
+    corners = model.mesh_vert[mesh.vertadr[0] : mesh.vertadr[0] + mesh.vertnum[0]]
+    found = data.geom_xpos[geom] + corners @ data.geom_xmat[geom].reshape(3, 3).T
+    return found[np.lexsort(found.round(5).T)]
+
+
+@pytest.mark.unit
+def test_a_mesh_beside_a_part_stands_where_mujoco_puts_it_and_a_hollow_one_is_warned_of(cube, tmp_path, caplog):
+    import mujoco
+
+    from grainsdem.dynamics.scene import equip
+
+    block = trimesh.creation.box((0.4, 0.2, 0.1)).apply_translation((0.3, 0.1, 0.0))
+    notch = trimesh.creation.box((0.2, 0.1, 0.2)).apply_translation((0.45, 0.15, 0.0))
+    trimesh.boolean.difference([block, notch]).export(tmp_path / "stone.stl")
+    path = tmp_path / "part.xml"
+    path.write_text(
+        '<mujoco><asset><mesh name="stone" file="stone.stl"/></asset><worldbody><body name="arm" pos="1 0 3" '
+        'euler="20 30 40"><joint name="turn" axis="0 1 0"/><geom type="mesh" mesh="stone" pos="0.1 0 0" euler="0 0 10"/>'
+        "</body></worldbody></mujoco>"
+    )
+    with caplog.at_level(logging.WARNING):
+        fragment = read_fragment(str(path))
+    assert "mesh 'stone' is not convex; it collides as its convex hull" in caplog.text
+    units, apparatus = mjcf.units(cube), equip(cube, mjcf.MjcfOptions())
+    elements, meshes = fragment.elements(units, (0.0, 0.0, 0.0), {}, 0.3)
+    for name, corners in meshes.items():
+        apparatus.add_mesh(name, corners)
+    apparatus.add_elements(elements)
+    ours, theirs = mujoco.MjModel.from_xml_string(apparatus.text()), mujoco.MjModel.from_xml_path(str(path))
+    assert ours.body("arm").mass * units.mass == pytest.approx(theirs.body("arm").mass, rel=1e-6)
+    np.testing.assert_allclose(
+        corners_in_the_world(ours) * units.length, corners_in_the_world(theirs), atol=1e-5 * units.length
+    )
