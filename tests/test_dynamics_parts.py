@@ -446,10 +446,8 @@ def corners_in_the_world(model):
 
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    (geom,) = (
-        g for g in range(model.ngeom) if model.geom_dataid[g] >= 0 and model.mesh(model.geom_dataid[g]).name[0] != "g"
-    )
-    mesh = model.mesh(model.geom_dataid[geom])
+    meshes = {g: model.mesh(model.geom_dataid[g]) for g in range(model.ngeom) if model.geom_dataid[g] >= 0}
+    ((geom, mesh),) = ((g, mesh) for g, mesh in meshes.items() if not mesh.name.startswith("g0"))
     corners = model.mesh_vert[mesh.vertadr[0] : mesh.vertadr[0] + mesh.vertnum[0]]
     found = data.geom_xpos[geom] + corners @ data.geom_xmat[geom].reshape(3, 3).T
     return found[np.lexsort(found.round(5).T)]
