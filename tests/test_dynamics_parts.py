@@ -465,7 +465,8 @@ def test_a_mesh_beside_a_part_stands_where_mujoco_puts_it_and_a_hollow_one_is_wa
     path = tmp_path / "part.xml"
     path.write_text(
         '<mujoco><asset><mesh name="stone" file="stone.stl"/></asset><worldbody><body name="arm" pos="1 0 3" '
-        'euler="20 30 40"><joint name="turn" axis="0 1 0"/><geom type="mesh" mesh="stone" pos="0.1 0 0" euler="0 0 10"/>'
+        'euler="20 30 40"><joint name="turn" axis="0 1 0"/>'
+        '<geom type="mesh" mesh="stone" pos="0.1 0 0" euler="0 0 10"/>'
         "</body></worldbody></mujoco>"
     )
     with caplog.at_level(logging.WARNING):

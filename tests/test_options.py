@@ -1,6 +1,7 @@
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
@@ -9,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grainsdem.errors import InputError
-from grainsdem.options import ByName, checked, kind_of, model_of, option, told_of
+from grainsdem.options import ByName, Note, checked, kind_of, model_of, notes_of, option, paths_of, told_of
 
 Share = Annotated[float, option("A share.", gt=0, le=1)]
 
@@ -150,3 +151,21 @@ def test_a_range_lets_through_what_lies_in_it_and_nothing_else(value):
 )
 def test_a_type_is_told_in_the_words_of_numpydoc(kind, words):
     assert kind_of(kind) == words
+
+
+def paint(
+    *,
+    picture: Annotated[str, option("What is painted.", is_path=True)] = "a.png",
+    brush: Annotated[Callable | None, Note("callable, optional", "What with.")] = None,
+) -> None:
+    """Do nothing: only its signature is read."""
+
+
+@pytest.mark.unit
+def test_a_path_is_an_option_and_what_no_file_can_hold_is_only_noted():
+    model = model_of(paint, "paint")
+    assert list(model.model_fields) == paths_of(model) == ["picture"]
+    assert notes_of(paint)["brush"][1] == ("callable, optional", "What with.")
+    assert checked(model, {"picture": Path("b.png")}) == {"picture": "b.png"}
+    with pytest.raises(InputError, match="brush: unknown key; allowed are picture"):
+        checked(model, {"brush": print})
