@@ -47,12 +47,11 @@ def main() -> None:
         mixed[f"Fr = {froude:g}"] = outcome.history["turns"][turning], outcome.history["mixing"][turning]
         if froude == 1e-2:
             motion = gd.load_motion(history)
-            kinds = (outcome.packing.positions[:, 0] > 0).astype(float)
             at = int(np.searchsorted(motion["times"], outcome.history["time"][turning][0]))
             kinds = (motion["positions"][at, :, 0] > 0).astype(float)
             shown = {name: values[at:] for name, values in motion.items()}
             path = arguments.output / "drum.gif"
-            gd.figures.animate(outcome.packing, path, **shown, color_by=kinds, size=(320, 320), seconds=4.0)
+            gd.figures.animate(outcome.packing, path, **shown, color_by=kinds, size=(280, 220), seconds=2.5)
             print(f"moving in {path}")
     curves = [
         Panel("logarithm of the Froude number", "angle  [°]", {}, {"": (np.log10(froude_numbers), np.array(angles))}),

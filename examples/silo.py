@@ -40,7 +40,7 @@ def main() -> None:
     law = 1.5 if arguments.quick else 2.5
     bed = gd.settle(grains, start="pour", spheres=True, friction=0.3, rng=1).packing
     diameter = float(np.median(gd.diameters(bed)))
-    rates = []
+    flowing, rates = [], []
     for width in widths:
         report = gd.discharge(
             bed,
@@ -54,7 +54,10 @@ def main() -> None:
             f"opening {width} d: {report.grain_rate:.0f} ± {report.grain_rate * report.rate_error / report.rate:.0f} "
             f"grains/s, constant {report.beverloo:.2f}{', jammed' if report.is_jammed else ''}"
         )
-        rates.append(report.rate)
+        if not report.is_jammed:
+            flowing.append(width)
+            rates.append(report.rate)
+    widths = np.array(flowing)
     exponent = np.polyfit(np.log(widths - 1.4), np.log(rates), 1)[0]
     print(f"rate goes with the opening less 1.4 d to the power {exponent:.2f} (Beverloo: {law})")
     line = np.polyfit(widths, np.array(rates) ** (1 / law), 1)

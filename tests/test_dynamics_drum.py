@@ -56,6 +56,7 @@ def test_the_torque_is_the_weight_times_the_lever_of_the_centre_of_mass(turned):
 def test_grains_go_up_on_the_side_that_rises_and_stay_inside(turned):
     report, positions = turned.report, turned.packing.positions
     assert np.hypot(positions[:, 0], positions[:, 1]).max() < report.radius
+    np.testing.assert_allclose(turned.packing.domain.upper[:2], report.radius)
     assert report.turns == pytest.approx(0.4, abs=0.01)
     assert np.radians(10.0) < report.mass_angle < np.radians(60.0)
     assert np.radians(10.0) < report.dynamic_angle < np.radians(60.0)

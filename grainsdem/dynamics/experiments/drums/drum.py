@@ -326,6 +326,10 @@ class _Drum(Resting[DrumReport]):
         along = np.abs(positions - self.shell.middle)[:, self.shell.axis] - 0.5 * self.shell.length
         return np.asarray(np.maximum(out, along))
 
+    def packing(self) -> Packing:
+        """Return the grains where they are, in the box around the drum."""
+        return self.shell.around(self.scene.packing())
+
     def remarks(self) -> dict[str, Any]:
         """Return the size of the drum [m] and its speed [rad/s]."""
         scales = self.scene.units

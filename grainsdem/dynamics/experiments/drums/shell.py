@@ -139,6 +139,12 @@ class Shell:
         """Return what turns the drum, and tells the torque of the grains on it."""
         return Meter(engine, {"turn": HEAVY + COVER_MASS})
 
+    def around(self, packing: Packing) -> Packing:
+        """Return the grains in the box around the drum."""
+        lower, upper = np.full(3, -self._radius), np.full(3, self._radius)
+        lower[self.axis], upper[self.axis] = packing.domain.lower[self.axis], packing.domain.upper[self.axis]
+        return replace(packing, domain=Domain(lower, upper, is_planar=self.is_planar))
+
     def across(self, positions: Floats) -> tuple[Floats, Floats]:
         """Return where points are across the axis [d]: to the side that rises, and upward."""
         offset = positions - self.middle
