@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, get_args
 
 import numpy as np
 
+from grainsdem.dynamics.budget import SETTLING_TIME
 from grainsdem.dynamics.experiments.cells.meter import HEAVY, Meter
 from grainsdem.dynamics.experiments.parts.gauge import Gauge, too_soft
 from grainsdem.dynamics.experiments.parts.pushed.bodies import NAME, Kind
@@ -201,9 +202,21 @@ class Pushing(Resting[PenetrationReport]):
         if self.course.mode == "press":
             return self.samples[-1].depth >= self.begun["depth"] or self.bottom() - self.floor() < REACH
         if self.course.mode == "roll":
-            way = self.course.travel / self.course.speed if self.course.speed > 0 else STANDING
-            return self.since() >= STANDING + way
+            return self.since() >= self._rolling_time()
         return self.has_stopped() or self.since() >= self.max_time
+
+    def _rolling_time(self) -> float:
+        """Return how long [t] a wheel stands and rolls."""
+        return STANDING + (self.course.travel / self.course.speed if self.course.speed > 0 else STANDING)
+
+    def expected_time(self) -> float:
+        """Return about how long [t] the run will last; where no depth is given, that to half of the container."""
+        if self.course.mode == "drop":
+            return super().expected_time()
+        if self.course.mode == "roll":
+            return SETTLING_TIME + self._rolling_time()
+        half = 0.5 * float(self.scene.source.domain.lengths[self.scene.up]) / self.scene.units.length
+        return SETTLING_TIME + float(np.nan_to_num(self.course.depth, nan=half)) / self.course.speed
 
     def has_stopped(self) -> bool:
         """Return whether bed and body have been at rest."""
