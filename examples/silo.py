@@ -56,7 +56,7 @@ def main() -> None:
         )
         if not report.is_jammed:
             flowing.append(width)
-            rates.append(report.rate)
+            rates.append(report.grain_rate)
     widths = np.array(flowing)
     exponent = np.polyfit(np.log(widths - 1.4), np.log(rates), 1)[0]
     print(f"rate goes with the opening less 1.4 d to the power {exponent:.2f} (Beverloo: {law})")
@@ -66,7 +66,7 @@ def main() -> None:
     power = "2/3" if arguments.quick else "2/5"
     curves = Panel(
         "opening / d",
-        f"rate to the power {power}  [(kg/s)^({power})]",
+        f"rate to the power {power}  [(grains/s)^({power})]",
         {"line": (at, np.polyval(line, at))},
         {"measured": (widths, np.array(rates) ** (1 / law))},
     )

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from grainsdem.dynamics.experiments.streams.inlet import Inlet
     from grainsdem.dynamics.scene import Scene
+    from grainsdem.model import Packing
 
     Floats = NDArray[np.float64]
     Bools = NDArray[np.bool_]
@@ -66,18 +67,29 @@ class Stream(Resting[Report]):
 
     def prepare(self) -> None:
         """Take out the grains that have left, and put in those that are due and find a place."""
-        gone = np.flatnonzero(self.has_left() & self.is_present)
-        if gone.size:
-            self.n_left[gone] += 1
-            self._set_present(gone, is_present=False)
-            self.scene.engine.still(gone)
-        waiting = self.due() if self.inlet is not None else gone[:0]
-        if waiting.size and self.inlet is not None:
+        self._take_out()
+        if self.inlet is None:
+            return
+        waiting = self.due()
+        if waiting.size:
             found = self.inlet.find(waiting, len(self.samples))
             self.n_entered[found.grains] += 1
             self._set_present(found.grains, is_present=True)
             velocities = np.tile(self._velocity, (len(found.grains), 1))
             self.scene.engine.insert(found.grains, found.positions, found.quaternions, velocities)
+
+    def _take_out(self) -> None:
+        """Take out the grains that have left."""
+        gone = np.flatnonzero(self.has_left() & self.is_present)
+        if gone.size:
+            self.n_left[gone] += 1
+            self._set_present(gone, is_present=False)
+            self.scene.engine.still(gone)
+
+    def packing(self) -> Packing:
+        """Return the grains that are inside; those that have left by the last sample are taken out."""
+        self._take_out()
+        return self.scene.packing()
 
     def _set_present(self, grains: NDArray[np.int64], *, is_present: bool) -> None:
         """Say that some grains, by number, are there or are not."""
