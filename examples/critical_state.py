@@ -23,7 +23,7 @@ COMPACTION = {"dense": 0.05, "loose": 1.0}
 def make_grains(n: int) -> gd.Packing:
     """Return grains of about a millimetre and of nearly one size, so that few make a sample that is wide enough."""
     domain = gd.Domain.cube(1e-3 * n ** (1 / 3))
-    seeds = gd.relax(gd.points.poisson(domain, n, rng=1), domain, iterations=10)
+    seeds = gd.relax(gd.points.poisson(domain, n, rng=1), domain, iterations=20)
     return gd.shrink(gd.carve(gd.tessellate(seeds, domain), keep="all"), porosity=0.4)
 
 
@@ -33,7 +33,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="few spheres, little strain, two seeds")
     parser.add_argument("--output", type=Path, default=Path(), help="folder for the figure")
     arguments = parser.parse_args()
-    n, seeds, strain, rate = (27, 2, 0.03, 0.05) if arguments.quick else (343, 5, 0.5, 0.01)
+    n, seeds, strain, rate = (27, 2, 0.03, 0.05) if arguments.quick else (343, 5, 0.4, 0.02)
     grains = make_grains(n)
     angles, ratios = {}, {}
     for name, friction in COMPACTION.items():
