@@ -148,12 +148,12 @@ def test_grains_that_left_come_in_again_where_they_are_fed_back():
 @pytest.mark.statistical
 def test_the_rate_follows_beverloo():
     # In a plane the rate goes with the opening less its rim, of a diameter or so, to the power 3/2, whatever the height
-    # of the bed. Rates of four such runs were known to 9 to 13 %, so that the exponent of two is to 0.17, a fifth of
-    # the tolerance, and that is less than what parts it from 5/2 in space.
-    bed = settle(grow_silo(15.0, 180), start="pour", spheres=True, friction=0.3, rng=1).packing
-    options = {"spheres": True, "friction": 0.3, "refill": True, "max_time": 40.0}
-    narrow, wide = (discharge(bed, opening=d * units(bed).length, **options).report.rate for d in (3.0, 6.0))
-    assert np.log(wide / narrow) / np.log(5.0 / 2.0) == pytest.approx(1.5, abs=0.8)
+    # of the bed. Of four beds the exponent was 1.55 ± 0.17, which is what the errors of their rates make of it; that of
+    # space is six of these off.
+    bed = settle(grow_silo(17.0, 204), start="pour", spheres=True, friction=0.1, rng=1).packing
+    options = {"spheres": True, "friction": 0.1, "refill": True, "max_time": 30.0}
+    narrow, wide = (discharge(bed, opening=d * units(bed).length, **options).report.rate for d in (4.0, 7.0))
+    assert np.log(wide / narrow) / np.log(6.0 / 3.0) == pytest.approx(1.5, abs=0.8)
 
 
 @pytest.mark.slow
