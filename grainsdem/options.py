@@ -294,7 +294,7 @@ def _explain(items: list[Any], table_at: Callable[[Sequence[Any]], type[BaseMode
         return f"{where}: unknown key; allowed are {', '.join(table_at(item['loc'][:-1]).model_fields)}"
     if item["type"] == "missing":
         return f"{where}: missing"
-    messages = [item["msg"].removeprefix("Value error, ") for item in items]
+    messages = [item["msg"].removeprefix("Value error, ").replace(" after validation", "") for item in items]
     message = ", or ".join([messages[0], *(text.removeprefix("Input should be ") for text in messages[1:])])
     shown = f"; got {item['input']!r}" if not isinstance(item["input"], dict) else ""
     return f"{where}: {message[0].lower()}{message[1:]}{shown}"

@@ -226,7 +226,7 @@ def test_feeding_goes_on_after_an_interrupt_to_the_same_bits(tmp_path):
     ("options", "words"),
     [
         ({"release": ["lid"]}, "release must name some of wall_x0, wall_x1"),
-        ({"inlet": [0.0, 0.0, 1.0]}, "inlet"),
+        ({"inlet": [0.0, 0.0, 1.0]}, "inlet: .* at least 6 items, not 3"),
         ({"inlet": [2e-3, 0.0, 3e-3, 1e-3, 2e-3, 4e-3]}, "above its lower one"),
         ({"inlet": [0.0, 0.0, 3e-3, 1.0, 1.0, 4e-3]}, "between the walls"),
         ({"rate": 0.0}, "rate"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -11,7 +10,7 @@ import numpy as np
 from exporters.mjcf.log import quiet
 from grainsdem.dynamics.engine import cache
 from grainsdem.dynamics.engine.contract import Contacts, EngineError, Motion
-from grainsdem.dynamics.engine.names import name_of_coordinate, name_parts
+from grainsdem.dynamics.engine.names import grain_numbers, name_of_coordinate, name_parts
 from grainsdem.dynamics.engine.poses import set_poses
 from grainsdem.errors import InputError
 from grainsdem.geometry.rotations import to_matrices
@@ -29,8 +28,6 @@ CONVERGED_ITERATIONS = 300
 
 _COLLISIONS = ("geom_contype", "geom_conaffinity", "body_contype", "body_conaffinity")
 """What says who collides with whom; the bodies' is what spares the search for those that touch nothing."""
-
-_GRAIN = re.compile(r"g\d{6,}")
 
 
 class _Surfaces(NamedTuple):
@@ -83,7 +80,7 @@ class MujocoEngine:
         self.data = mujoco.MjData(model)
         self._probe: Any = None
         names = [model.body(b).name for b in range(model.nbody)]
-        self.grain_of_body = np.array([int(name[1:]) if _GRAIN.fullmatch(name) else -1 for name in names], np.int64)
+        self.grain_of_body = grain_numbers(names)
         is_grain = self.grain_of_body >= 0
         order = np.argsort(self.grain_of_body[is_grain], kind="stable")
         self.body_of_grain = np.flatnonzero(is_grain)[order]
@@ -94,13 +91,13 @@ class MujocoEngine:
         self.inertias = np.einsum("nij,nj,nkj->nik", turns, moments, turns)
         self.is_glued = np.asarray(model.body_dofnum[self.body_of_grain] == 0)
         self.parts, self._id_of_geom = name_parts(model, names, self.grain_of_body)
-        self._axles = {
-            model.joint(j).name: (int(model.jnt_qposadr[j]), int(model.jnt_dofadr[j])) for j in range(model.njnt)
-        }
+        places = zip(model.jnt_qposadr.tolist(), model.jnt_dofadr.tolist(), strict=True)
+        self._axles = {model.joint(j).name: place for j, place in enumerate(places)}
         self.is_present = np.ones(self.n_grains, dtype=bool)
         self._collisions = [(kind, getattr(model, kind).copy()) for kind in _COLLISIONS]
-        compiled = model.geom_friction[:, 0], model.geom_priority, model.geom_condim
-        self._surfaces = _Surfaces(*(values.copy() for values in compiled))
+        self._surfaces = _Surfaces(
+            model.geom_friction[:, 0].copy(), model.geom_priority.copy(), model.geom_condim.copy()
+        )
         self._steps_of_contacts = np.round(model.geom_solref[:, 0] / model.opt.timestep, 6)
         # To the bit as it will be when a run goes on.
         model.geom_solref[:, 0] = self._steps_of_contacts * model.opt.timestep

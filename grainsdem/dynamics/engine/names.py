@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+
+_GRAIN = re.compile(r"g\d{6,}")
+
+
+def grain_numbers(bodies: list[str]) -> NDArray[np.int64]:
+    """Return the number of the grain that each body is by its name, −1 for a part, shape (n_bodies,)."""
+    return np.array([int(name[1:]) if _GRAIN.fullmatch(name) else -1 for name in bodies], np.int64)
 
 
 def name_parts(
