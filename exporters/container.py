@@ -9,6 +9,7 @@ import numpy as np
 from exporters.check import stretches
 from grainsdem.errors import InputError
 from grainsdem.geometry.rotations import from_matrices, world_vertices
+from grainsdem.roots import cube_roots
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -82,7 +83,7 @@ def colours_of(packing: Packing, volumes: NDArray[np.float64], colour: Colour) -
     if isinstance(colour, str):
         if colour == "mineral":
             return np.array(list(GRAIN_COLOURS.values()))[shades(n)]
-        return scale(np.arange(n, dtype=np.float64) if colour == "id" else np.cbrt(volumes))
+        return scale(np.arange(n, dtype=np.float64) if colour == "id" else cube_roots(volumes))
     numbers = np.asarray(colour, dtype=np.float64)
     if len(numbers) != n:
         raise InputError(f"colour must have one row for each of {n} grains; got {len(numbers)}")

@@ -20,6 +20,7 @@ from exporters.check import measured
 from grainsdem.errors import GrainsDEMError, InputError, WriteError
 from grainsdem.measures import porosity
 from grainsdem.packing import contacts
+from grainsdem.roots import cube_roots
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -125,7 +126,7 @@ def _facts(packing: Packing) -> dict[str, Any]:
         "n_grains": len(packing),
         "mass": float(packing.densities @ integrals.volumes),
         "volume": float(integrals.volumes.sum()),
-        "median_diameter": float(np.median(np.cbrt(6.0 / np.pi * integrals.volumes))),
+        "median_diameter": float(np.median(cube_roots(6.0 / np.pi * integrals.volumes))),
         "domain": {
             "lower": domain.lower.tolist(),
             "upper": domain.upper.tolist(),

@@ -15,6 +15,7 @@ import numpy as np
 from exporters.check import check_positive
 from grainsdem.errors import InputError
 from grainsdem.geometry.integrals import volumes
+from grainsdem.roots import cube_roots
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -104,7 +105,7 @@ def units(packing: Packing, gravity: float = 9.81) -> GrainUnits:
 
 def units_of(grain_volumes: NDArray[np.float64], densities: NDArray[np.float64], gravity: float) -> GrainUnits:
     """Return the grain units of grains with the given volumes [m³] and densities [kg/m³]."""
-    length = float(np.median(np.cbrt(grain_volumes * (6.0 / np.pi))))
+    length = float(np.median(cube_roots(grain_volumes * (6.0 / np.pi))))
     density = float(grain_volumes @ densities / grain_volumes.sum())
     return GrainUnits(length, density * length**3, float(np.sqrt(length / gravity)))
 

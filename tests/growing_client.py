@@ -5,17 +5,23 @@ from __future__ import annotations
 import hashlib
 import json
 import sys
+from dataclasses import replace
 
 import numpy as np
 
 import exporters
 from grainsdem import points
-from grainsdem.model import Domain
-from grainsdem.packing import carve, jitter_throats, shrink
-from grainsdem.tessellation import relax, sized_cells, tessellate
+from grainsdem.model import Domain, Grading
+from grainsdem.packing import carve, jitter_throats, shrink, shuffle
+from grainsdem.tessellation import graded_cells, relax, sized_cells, tessellate
 
 DOMAIN = Domain.cube(0.02)
-FORMATS = ("stl", "mjcf", "usd", "obj")
+CURVE = Grading([0.5e-3, 1e-3, 2e-3], [0.0, 0.4, 1.0])
+OTHERS = {"grains", "lammps", "yade", "sdf"}
+"""Tables and formats with principal axes, which LAPACK finds with the processor's own last bit."""
+
+FORMATS = tuple(name for name in exporters.FORMATS if name not in OTHERS)
+OPTIONS = {"openfoam": {"region": "bed"}}
 
 
 def digest(*arrays):
@@ -60,10 +66,14 @@ def grown(n):
         "relaxed": digest(relaxed.cells.vertices, relaxed.neighbors),
         "laguerre": digest(tessellate(drawn, DOMAIN, weights=weights).cells.vertices),
         "sized": digest(sized_cells(DOMAIN, sizes, rng=1).cells.vertices),
+        "graded": digest(graded_cells(DOMAIN, CURVE, n=4 * n, rng=1).cells.cells.vertices),
+        "sieved": digest(graded_cells(DOMAIN, replace(CURVE, diameter="sieve"), n=4 * n, rng=1).cells.cells.vertices),
+        "planar": digest(sized_cells(Domain.slab((0.02, 0.02), 1e-3), sizes, rng=1).cells.vertices),
+        "shuffled": digest(shuffle(bed, rng=1).quaternions, shuffle(bed, rng=1).positions),
         "cylinder": digest(shrink(carve(prisms, keep="all"), porosity=0.5).grains.vertices),
         "shrunk": digest(bed.grains.vertices),
         "jittered": digest(jittered.positions),
-        **{name: digest(*exporters.files(jittered, name).values()) for name in FORMATS},
+        **{name: digest(*exporters.files(jittered, name, **OPTIONS.get(name, {})).values()) for name in FORMATS},
     }
 
 

@@ -15,6 +15,7 @@ from grainsdem.geometry.principal import principal_inertia
 from grainsdem.geometry.rotations import multiply, to_matrices
 from grainsdem.packing import inset
 from grainsdem.ragged import owners, sum_rows
+from grainsdem.roots import cube_roots
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -61,7 +62,7 @@ class Bodies(NamedTuple):
     @property
     def diameters(self) -> Floats:
         """Diameters [m] of the spheres of equal volume, shape (n,)."""
-        return np.asarray(np.cbrt(6 / np.pi * self.volumes))
+        return np.asarray(cube_roots(6 / np.pi * self.volumes))
 
 
 def bodies(packing: Packing) -> Bodies:

@@ -29,6 +29,7 @@ from grainsdem.geometry.rotations import world_vertices
 from grainsdem.geometry.triangles import Facets, best_fans, facets, vector_areas
 from grainsdem.model import Packing, Polyhedra
 from grainsdem.ragged import offsets_from_counts, owners, sum_rows
+from grainsdem.roots import cube_roots
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -190,7 +191,7 @@ def _planned(packing: Packing, volumes: NDArray[np.float64], origin: str, length
         # A hundredth of the volume: what is left of a flake is closed, but no longer the grain.
         kept = integrate(grains).volumes * length**3
         bad[rows] = is_flat | (np.abs(kept / volumes[rows] - 1.0) > 0.01)
-    _refuse_far(farthest, float(np.cbrt(volumes.min() * 6.0 / np.pi)))
+    _refuse_far(farthest, float(cube_roots(volumes.min() * 6.0 / np.pi)))
     refuse("grains must not be so flat or small that single precision takes their volume", bad)
     return plan
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from string import Template
 from typing import TYPE_CHECKING
 from xml.sax.saxutils import quoteattr
@@ -175,8 +176,9 @@ def _picture(lower: Floats, upper: Floats, floor: Floats, diameter: float) -> di
     """Return camera and light that show the box of the grains, standing on the floor, as a whole."""
     centre = (lower + upper) / 2
     extent = float(np.linalg.norm(upper - lower))
-    azimuth, elevation, tangent = np.radians(125.0), np.radians(22.0), np.tan(np.radians(19.0))
-    back = -np.array([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), -np.sin(elevation)])
+    azimuth, elevation, tangent = math.radians(125.0), math.radians(22.0), math.tan(math.radians(19.0))
+    level = math.cos(elevation)
+    back = -np.array([math.cos(azimuth) * level, math.sin(azimuth) * level, -math.sin(elevation)])
     right = np.cross([0.0, 0.0, 1.0], back)
     right /= np.linalg.norm(right)
     eye = centre + back * (0.62 * extent / tangent)

@@ -15,6 +15,7 @@ from exporters.text import rows_of_text, table_of_text
 from exporters.units import chosen_units
 from grainsdem.geometry.principal import principal_inertia
 from grainsdem.geometry.triangles import triangles
+from grainsdem.roots import cube_roots
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -93,7 +94,7 @@ def measure(packing: Packing, options: MjcfOptions) -> Bed:
     scales = chosen_units(options.units, integrals.volumes, packing.densities, options.gravity)
     density = packing.densities / scales.density
     masses = density * integrals.volumes / scales.length**3
-    diameter = float(np.median(np.cbrt(integrals.volumes * (6.0 / np.pi)))) / scales.length
+    diameter = float(np.median(cube_roots(integrals.volumes * (6.0 / np.pi)))) / scales.length
     rest = rest_of(packing)
     if options.shapes == "spheres" or (options.shapes is None and rest is not None and rest.are_spheres):
         radii = _radii(packing, integrals.volumes) / scales.length
@@ -118,7 +119,7 @@ def _radii(packing: Packing, volumes: Floats) -> Floats:
     if packing.domain.is_planar:
         thickness = float(packing.domain.upper[2] - packing.domain.lower[2])
         return np.sqrt(volumes / (np.pi * thickness))
-    return np.cbrt(volumes * (0.75 / np.pi))
+    return cube_roots(volumes * (0.75 / np.pi))
 
 
 def _refuse_massless(masses: Floats, moments: Floats, options: MjcfOptions) -> None:

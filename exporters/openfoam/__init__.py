@@ -19,6 +19,7 @@ from exporters.openfoam.solids import TREATMENTS, Frame, Solids, as_manifolds, c
 from grainsdem.errors import InputError
 from grainsdem.geometry.triangles import vector_areas
 from grainsdem.packing import contacts
+from grainsdem.roots import cube_roots
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -118,7 +119,7 @@ def files(
     del suffix
     check_name(name)
     options = options or OpenFoamOptions()
-    d = float(np.cbrt(measured(packing).volumes * 6 / np.pi).mean())
+    d = float(cube_roots(measured(packing).volumes * 6 / np.pi).mean())
     axis = "xyz".index(options.axis)
     region = regions.choose(packing, options.region, axis, d)
     gap = 0.02 * d if options.gap is None else options.gap

@@ -13,6 +13,7 @@ from exporters.rest import down, frictions, one_friction, restitution
 from exporters.usd.prims import Attribute, Column, Many, Prim
 from grainsdem.geometry.integrals import face_planes
 from grainsdem.geometry.principal import principal_inertia
+from grainsdem.roots import cube_roots
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -80,7 +81,7 @@ class Bed:
     @property
     def diameter(self) -> float:
         """Median diameter of the grains in the stage's units."""
-        return float(np.median(np.cbrt(self.integrals.volumes * (6.0 / np.pi)))) / self.scales.length
+        return float(np.median(cube_roots(self.integrals.volumes * (6.0 / np.pi)))) / self.scales.length
 
     @property
     def gap(self) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Self
 
@@ -102,10 +103,11 @@ class Domain(Noun):
         """
         if sides < 8 or sides % 4:
             raise InputError(f"sides must be a multiple of 4, 8 or more; got {sides}")
-        angles = np.delete(np.arange(sides), np.arange(4) * sides // 4) * (2 * np.pi / sides)
+        angles = [2 * math.pi * k / sides for k in range(sides) if 4 * k % sides]
         # The apothem of the regular polygon whose area, sides · tan(π / sides) · apothem², is the circle's.
-        reach = radius * float(np.sqrt(np.pi / (sides * np.tan(np.pi / sides))))
-        planes = np.column_stack([np.cos(angles), np.sin(angles), 0 * angles, np.full(angles.size, reach)])
+        reach = radius * math.sqrt(math.pi / (sides * math.tan(math.pi / sides)))
+        # Not NumPy's sines: their last bit is the processor's.
+        planes = np.array([(math.cos(angle), math.sin(angle), 0.0, reach) for angle in angles])
         return cls([-reach, -reach, 0.0], [reach, reach, height], [False, False, periodic], planes=planes)  # type: ignore[arg-type]
 
     @classmethod

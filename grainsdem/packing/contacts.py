@@ -15,6 +15,7 @@ from grainsdem.geometry.rotations import to_matrices
 from grainsdem.geometry.separation import bodies, measure_near, offsets_between
 from grainsdem.model import ContactGraph
 from grainsdem.ragged import owners
+from grainsdem.roots import cube_roots
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -159,5 +160,5 @@ def _facing(i: NDArray[np.int64], j: NDArray[np.int64], shifts: NDArray[np.int64
 
 def mean_diameter(packing: Packing) -> float:
     """Return the mean diameter [m] of the spheres of equal volume: the length that tolerances are relative to."""
-    sizes = np.cbrt(6 / np.pi * np.abs(volumes(packing.grains)))
+    sizes = cube_roots(6 / np.pi * np.abs(volumes(packing.grains)))
     return float(sizes.mean()) if sizes.size else 1.0

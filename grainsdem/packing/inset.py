@@ -12,6 +12,7 @@ from grainsdem.geometry.cells.insets import inset_shapes
 from grainsdem.geometry.integrals import centroids, face_planes, volumes
 from grainsdem.geometry.rotations import to_matrices
 from grainsdem.ragged import owners
+from grainsdem.roots import cube_roots
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -80,7 +81,7 @@ def set_apart(packing: Packing, gap: float) -> Packing:
     owner = owners(packing.grains.face_offsets)
     moves = np.where(_is_moving(packing), 0.5 * gap - slacks(packing).distances, 0.0)
     # A face that fills its cell is off its plane by rounding, either way.
-    wide = np.unique(owner[moves < -OUT * np.cbrt(volumes(packing.grains))[owner]])
+    wide = np.unique(owner[moves < -OUT * cube_roots(volumes(packing.grains))[owner]])
     if wide.size:
         raise InputError(
             f"a gap can only grow: {wide.size} of {len(packing)} grains are farther from their cells' planes than "

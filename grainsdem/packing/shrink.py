@@ -14,6 +14,7 @@ from grainsdem.geometry.integrals import volumes
 from grainsdem.geometry.rotations import to_matrices
 from grainsdem.packing.inset import OUT, set_apart, slacks
 from grainsdem.ragged import owners, sum_rows
+from grainsdem.roots import cube_roots
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -159,7 +160,7 @@ def _refuse_outside(packing: Packing, arms: Floats) -> None:
     beyond = slacks(packing, cells=True)
     owner = owners(packing.grains.face_offsets)
     out = np.einsum("fi,fi->f", beyond.normals, arms[owner]) - beyond.distances
-    bad = np.unique(owner[out > OUT * np.cbrt(volumes(packing.grains))[owner]])
+    bad = np.unique(owner[out > OUT * cube_roots(volumes(packing.grains))[owner]])
     if bad.size:
         raise InputError(
             f"grains can shrink only about points in their own cells; {bad.size} of {len(packing)} lie outside: "

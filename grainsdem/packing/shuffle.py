@@ -6,6 +6,7 @@ reassemble under pressure.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -125,5 +126,5 @@ def _turns(n: int, rng: np.random.Generator, *, is_planar: bool) -> NDArray[np.f
     """Return random rotations, shape (n, 4); in planar work about z alone."""
     if not is_planar:
         return random_quaternions(n, rng)
-    half = rng.uniform(0.0, np.pi, n)
-    return np.stack([np.cos(half), 0 * half, 0 * half, np.sin(half)], axis=1)
+    # Not NumPy's sines: their last bit is the processor's.
+    return np.array([(math.cos(half), 0.0, 0.0, math.sin(half)) for half in rng.uniform(0.0, np.pi, n)]).reshape(n, 4)

@@ -9,6 +9,7 @@ import numpy as np
 from grainsdem.errors import InputError, name_offenders
 from grainsdem.geometry.integrals import integrate
 from grainsdem.model import Packing
+from grainsdem.roots import cube_roots
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -32,12 +33,12 @@ def above_zero(volumes: Floats) -> Floats:
 
 def sphere_diameters(volumes: Floats) -> Floats:
     """Return the diameters [m] of the spheres of the given volumes [m³]."""
-    return np.cbrt(6 * above_zero(volumes) / np.pi)
+    return cube_roots(6 * above_zero(volumes) / np.pi)
 
 
 def wadell(volumes: Floats, areas: Floats) -> Floats:
     """Return Wadell's sphericity from volumes [m³] and surface areas [m²]."""
-    result: Floats = np.cbrt(np.pi) * np.cbrt(6 * above_zero(volumes)) ** 2 / areas
+    result: Floats = cube_roots(np.pi) * cube_roots(6 * above_zero(volumes)) ** 2 / areas
     return result
 
 

@@ -22,6 +22,7 @@ from grainsdem.geometry.forms.boxes import boxes_on_faces
 from grainsdem.geometry.forms.sizes import above_zero, grain_sphericities
 from grainsdem.geometry.integrals import integrate
 from grainsdem.model.given import grains_of
+from grainsdem.roots import cube_roots
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -106,7 +107,7 @@ def box_axes(grains: Grains) -> Floats:
 def krumbein(axes: ArrayLike) -> Floats:
     """Return Krumbein's intercept sphericity (b c / a²)^(1/3), shape (n,), of axes a >= b >= c, shape (n, 3)."""
     a, b, c = _checked(axes).T
-    return np.asarray(np.cbrt(b * c / a**2))
+    return cube_roots(b * c / a**2)
 
 
 def zingg(axes: ArrayLike) -> NDArray[np.str_]:
