@@ -33,6 +33,7 @@ from .geometry.integrals import centroids, face_planes, inertia_tensors, integra
 from .geometry.rotations import world_vertices
 from .measures import (
     LogHyperbolic,
+    SieveSheet,
     SizeFit,
     SizeStatistics,
     anisotropy,
@@ -54,6 +55,7 @@ from .measures import (
     percentiles,
     porosity,
     rattlers,
+    read_sieves,
     sieve_diameters,
     sieve_statistics,
     size_distribution,
@@ -86,7 +88,7 @@ from .measures.voxels import (
     voxelize,
     write_voxels,
 )
-from .model import CellLinks, Check, ContactGraph, Domain, Packing, Polyhedra, Report, Tessellation
+from .model import CellLinks, Check, ContactGraph, Domain, Grading, Packing, Polyhedra, Report, Tessellation
 from .packing import (
     VOID_RELATIONS,
     Healed,
@@ -107,7 +109,7 @@ from .packing import (
     throat_widths,
 )
 from .storage import load, load_history, load_motion, load_moved, save
-from .tessellation import Relaxation, relax, relaxation, sized_cells, tessellate
+from .tessellation import GradedCells, Relaxation, graded_cells, relax, relaxation, sized_cells, tessellate
 from .validation import compare, validate
 
 __version__: str
@@ -120,6 +122,8 @@ __all__ = [
     "Domain",
     "Ensemble",
     "FileFormatError",
+    "GradedCells",
+    "Grading",
     "GrainsDEMError",
     "Healed",
     "InputError",
@@ -137,6 +141,7 @@ __all__ = [
     "SettleReport",
     "Settled",
     "ShapeError",
+    "SieveSheet",
     "SizeFit",
     "SizeStatistics",
     "Tessellation",
@@ -173,6 +178,7 @@ __all__ = [
     "fit_sieves",
     "fit_sizes",
     "fit_void_ratio",
+    "graded_cells",
     "heal",
     "inertia_tensors",
     "inset",
@@ -196,6 +202,7 @@ __all__ = [
     "points",
     "porosity",
     "rattlers",
+    "read_sieves",
     "recipe",
     "relax",
     "relaxation",

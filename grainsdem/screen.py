@@ -235,12 +235,43 @@ def print_distribution(console: Console, title: str, found: dict[str, Any]) -> N
         table.add_row(f"{key}, moments", *("–" if v is None else f"{v:.3f}" for v in values))
     console.print(table)
     if found["fits"] is not None:
-        _print_fits(console, found["fits"])
+        _print_fits(console, "fits by number, best first", found["fits"])
 
 
-def _print_fits(console: Console, fits: dict[str, Any]) -> None:
+def print_sheet(console: Console, title: str, found: dict[str, Any]) -> None:
+    """Print a sieve sheet, how well a bed has it, its graphic statistics, and the fits, best first."""
+    bed = found["bed"]
+    table = Table(title=title, title_justify="left", title_style="bold")
+    for column in (
+        "opening, mm",
+        "passing, %",
+        *([] if bed is None else [f"of the bed's {bed['n_grains']} grains, %"]),
+    ):
+        table.add_column(column, justify="right")
+    for k in reversed(range(len(found["openings"]))):
+        held = [] if bed is None else [f"{bed['passing'][k]:.2f}"]
+        table.add_row(f"{found['openings'][k] * 1e3:.4g}", f"{found['passing'][k]:.2f}", *held)
+    console.print(table)
+    if bed is not None:
+        console.print(f"largest difference {bed['deviation']:.2f} % of the mass, {bed['diameter']} diameters")
+    if found["statistics"] is None:
+        console.print(f"no percentiles: {found['no_statistics']}")
+    else:
+        told = found["statistics"]
+        marks = ", ".join(
+            f"{mark} {told['percentiles'][mark] * 1e3:.4g}" for mark in ("d10", "d16", "d50", "d84", "d90")
+        )
+        console.print(f"{marks} mm")
+        graphic, words = told["folk_ward"], {"mean": "size", "sorting": "sorting", "skewness": "skewness"}
+        line = ", ".join(f"{key} {graphic[key]:.3f} ({told[f'{word}_class']})" for key, word in words.items())
+        console.print(f"in φ, by Folk and Ward: {line}")
+    if found["fits"]:
+        _print_fits(console, "fits by mass, best first", found["fits"])
+
+
+def _print_fits(console: Console, title: str, fits: dict[str, Any]) -> None:
     best = min(fit["aic"] for fit in fits.values())
-    table = Table(title="fits by number, best first", title_justify="left")
+    table = Table(title=title, title_justify="left")
     for column in ("family", "AIC", "K–S", "parameters (95 %)"):
         table.add_column(column, no_wrap=True)
     for family, fit in sorted(fits.items(), key=lambda item: item[1]["aic"]):
@@ -250,7 +281,7 @@ def _print_fits(console: Console, fits: dict[str, Any]) -> None:
             known = "" if low is None or high is None else f" ({low:.4g} to {high:.4g})"
             lines.append(f"{name} {value:.4g}{known}")
         edge = f"\n{fit['edge']} edge" if fit["edge"] else ""
-        distance = f"{fit['ks']:.4f}\np {fit['ks_p_value']:.1g}"
+        distance = f"{fit['ks']:.4f}" + ("" if fit["ks_p_value"] is None else f"\np {fit['ks_p_value']:.1g}")
         table.add_row(family + edge, f"+{fit['aic'] - best:.1f}", distance, "\n".join(lines), end_section=True)
     console.print(table)
 

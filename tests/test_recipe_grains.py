@@ -193,7 +193,7 @@ def test_the_count_of_a_list_is_the_only_one(tmp_path):
         ({"grains": {"porosity": 0.4, "throats": {"fraction": 1.5}}}, "grains.throats.fraction: .*got 1.5"),
         ({"grains": {"gap": 1e-5, "sizes": {"law": "norm"}}}, "give sizes or gap"),
         ({"grains": {"scale": 1, "sizes": {}}}, "one of law, diameters and path; got none"),
-        ({"grains": {"scale": 1, "sizes": {"law": "lognormal"}}}, "such as lognorm or uniform; got 'lognormal'"),
+        ({"grains": {"scale": 1, "sizes": {"law": "log-normal"}}}, "such as lognorm or uniform; got 'log-normal'"),
         ({"grains": {"scale": 1, "sizes": {"law": "lognorm"}}}, "lognorm takes s, loc, scale; got none"),
         (
             {"grains": {"scale": 1, "sizes": {"law": "lognorm", "parameters": {"s": -1}}}},
@@ -279,11 +279,12 @@ def by_mass(diameters, marks, power):
 @pytest.mark.parametrize(("domain", "power"), [({}, 3), ({"shape": "slab", "lengths": [1, 1, 0.1]}, 2)])
 def test_sizes_that_are_dropped_at_walls_are_told_with_what_it_does_to_the_curve(caplog, domain, power):
     tables = {"rng": 2, "domain": domain, "seeds": {"process": "poisson", "count": 150}}
-    grains = {"scale": 0.9, "sizes": {**LAW, "tolerance": 1e-3}}
+    asked = stats.uniform(**LAW["parameters"]).ppf((np.arange(150) + 0.5) / 150)
+    listed = np.random.default_rng(1).permutation(asked).tolist()
+    grains = {"scale": 0.9, "sizes": {"diameters": listed, "tolerance": 1e-3}}
     bed = recipes.grow(recipes.make(**tables, grains=grains))
     ((dropped, cells, *moved),) = told(caplog)
     assert (dropped, cells) == (150 - len(bed), 150)
-    asked = stats.uniform(**LAW["parameters"]).ppf((np.arange(150) + 0.5) / 150)
     had = (
         gd.diameters(bed.grains) if power == 3 else np.sqrt(4 / np.pi * gd.volumes(bed.grains) / bed.domain.lengths[2])
     )
@@ -305,9 +306,9 @@ def test_python_the_recipe_and_the_command_tell_of_dropped_sizes_once(caplog, tm
     gd.carve(cells, keep="all")
     assert len(told(caplog)) == 1
     caplog.clear()
-    # Where the number of grains follows from the domain, several beds are tried, and one is told of.
-    words = ["generate", tmp_path / "a.h5", "--process", "poisson", "--side", 0.01, "--sizes", "uniform", "--quiet"]
-    words += ["--size-parameter", "loc=1e-3", "--size-parameter", "scale=1e-3", "--porosity", 0.4]
+    np.savetxt(tmp_path / "sizes.csv", np.linspace(1e-3, 2e-3, 60))
+    words = ["generate", tmp_path / "a.h5", "--process", "poisson", "--sizes", tmp_path / "sizes.csv", "--quiet"]
+    words += ["--porosity", 0.4]
     result = CliRunner().invoke(app, [str(word) for word in words])
     assert result.exit_code == 0, result.output
     assert len(told(caplog)) == 1
@@ -318,7 +319,8 @@ def test_python_the_recipe_and_the_command_tell_of_dropped_sizes_once(caplog, tm
 
 
 def test_a_survey_tells_once_in_how_many_beds_sizes_were_dropped(caplog, tmp_path):
-    base = {"seeds": {"process": "poisson", "count": 60}, "grains": {"scale": 0.9, "sizes": LAW}}
+    sizes = {"diameters": np.linspace(1e-3, 2e-3, 60).tolist()}
+    base = {"seeds": {"process": "poisson", "count": 60}, "grains": {"scale": 0.9, "sizes": sizes}}
     plan = gd.survey.Survey(base, {"grains.keep": ["inside", "all"]}, repeats=2)
     gd.survey.run(plan, tmp_path / "t.csv", workers=1)
     (record,) = caplog.records

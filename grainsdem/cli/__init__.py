@@ -17,6 +17,7 @@ from grainsdem.cli.options import app, out
 import grainsdem.cli.making
 import grainsdem.cli.seeding
 import grainsdem.cli.checking
+import grainsdem.cli.grading
 import grainsdem.cli.seeing
 import grainsdem.cli.writing
 import grainsdem.cli.moving

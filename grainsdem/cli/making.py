@@ -9,6 +9,8 @@ import typer
 
 from grainsdem.cli.options import Json, Quiet, Rng, app, err, guarded, keyed, out, prepare, print_json, show_summary
 from grainsdem.errors import InputError, RefusedError
+from grainsdem.measures.distributions.fits import Family
+from grainsdem.model.grading import Diameter
 
 Process = Literal["halton", "poisson", "cluster", "strauss", "strauss_process", "density", "noise", "image", "file"]
 VOID, SIZE, THROATS = "How much void: one of", "Grain size", "Pore throats"
@@ -164,6 +166,25 @@ def generate(
     size_tolerance: Annotated[
         float | None, typer.Option(help="Largest relative error of a cell's volume.", rich_help_panel=SIZE)
     ] = None,
+    sieves: Annotated[
+        Path | None,
+        typer.Option(
+            help="A sieve sheet that the grains are to have (.csv, .txt, .tsv): openings, and per cent passing or mass "
+            "retained.",
+            rich_help_panel=SIZE,
+        ),
+    ] = None,
+    sieve_diameter: Annotated[
+        Diameter | None,
+        typer.Option(
+            help="What openings are openings for, by default sieve: square holes, or equal-volume diameters.",
+            rich_help_panel=SIZE,
+        ),
+    ] = None,
+    sieve_fit: Annotated[
+        Family | None,
+        typer.Option(help="Have the curve of this family that fits the sheet best.", rich_help_panel=SIZE),
+    ] = None,
     throats: Annotated[
         float | None,
         typer.Option(
@@ -198,6 +219,7 @@ def generate(
     }
     if not any(value is not None for value in voids.values()):
         voids["scale"] = 1.0
+    sheet = {"path": None if sieves is None else str(sieves), "diameter": sieve_diameter, "fit": sieve_fit}
     moved = {"fraction": throats, "strength": throat_strength, "axes": throat_axes}
     wanted = recipes.make(
         name=output.stem,
@@ -229,6 +251,7 @@ def generate(
             "density": density,
             "throats": _together("--throats", moved),
             "sizes": _sizes(sizes, size_parameter, size_tolerance),
+            "sieves": _together("--sieves", sheet),
         },
     )
     prepare("cells", "shapes", "contacts", *(["lloyd"] if relax else []), quiet=quiet)

@@ -1,5 +1,6 @@
 """Pictures: renders, sections and planforms of packings, curves of sizes, contacts and energy. All PNG, no window."""
 
+from grainsdem.figures.gradings import grading_figure
 from grainsdem.figures.motion import animate
 from grainsdem.figures.plots import coordination_histogram, energy_plot, size_histogram
 from grainsdem.figures.renders import render
@@ -11,6 +12,7 @@ __all__ = [
     "animate",
     "coordination_histogram",
     "energy_plot",
+    "grading_figure",
     "phase_figure",
     "planform_figure",
     "render",

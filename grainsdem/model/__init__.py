@@ -6,6 +6,7 @@ to it, indices between grains are global and count from 0.
 
 from grainsdem.model.contacts import ContactGraph
 from grainsdem.model.domain import Domain
+from grainsdem.model.grading import Grading
 from grainsdem.model.packing import DROPPED, QUARTZ_DENSITY, CellLinks, Packing
 from grainsdem.model.report import Check, Report
 from grainsdem.model.shapes import Polyhedra
@@ -18,6 +19,7 @@ __all__ = [
     "Check",
     "ContactGraph",
     "Domain",
+    "Grading",
     "Packing",
     "Polyhedra",
     "Report",

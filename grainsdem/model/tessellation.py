@@ -9,6 +9,7 @@ import numpy as np
 
 from grainsdem.errors import ShapeError
 from grainsdem.model.arrays import Noun
+from grainsdem.ragged import owners
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -18,6 +19,9 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
     Ints = NDArray[np.int32]
+
+_FACES = (-5, -6)
+"""The walls at the two faces of a slab, as `Domain` numbers them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,3 +62,12 @@ class Tessellation(Noun):
 
     def __len__(self) -> int:
         return len(self.cells)
+
+    def touch_walls(self) -> NDArray[np.bool_]:
+        """Return which cells touch a wall, shape (n,); the two faces of a planar domain's slab are none."""
+        is_wall = self.neighbors < 0
+        if self.domain.is_planar:
+            is_wall = is_wall & ~np.isin(self.neighbors, _FACES)
+        found = np.zeros(len(self), dtype=bool)
+        found[owners(self.cells.face_offsets)[is_wall]] = True
+        return found

@@ -14,7 +14,7 @@ from grainsdem.geometry.forms.sizes import sphere_diameters, weighted_percentile
 from grainsdem.geometry.integrals import face_planes, integrate
 from grainsdem.geometry.rotations import identity_quaternions
 from grainsdem.model import DROPPED, QUARTZ_DENSITY, CellLinks, Packing, Polyhedra, Tessellation
-from grainsdem.ragged import owners, take_indices
+from grainsdem.ragged import take_indices
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 LOG = logging.getLogger(__name__)
-
-_LOWER_Z, _UPPER_Z = -5, -6  # walls as `Domain` numbers them
 
 
 def carve(
@@ -64,15 +62,9 @@ def carve(
     densities = np.broadcast_to(np.asarray(density, dtype=np.float64), (len(cells),))
     if not (np.isfinite(densities).all() and (densities > 0).all()):
         raise InputError(f"density must be positive and finite; got {float(densities.min())}")
-    owner = owners(cells.cells.face_offsets)
-    at_wall = np.zeros(len(cells), dtype=bool)
-    is_wall = cells.neighbors < 0
-    if cells.domain.is_planar:
-        is_wall &= (cells.neighbors != _LOWER_Z) & (cells.neighbors != _UPPER_Z)
-    at_wall[owner[is_wall]] = True
     # A Laguerre cell may be empty: it is no grain.
     has_faces = np.diff(cells.cells.face_offsets) > 0
-    kept = np.flatnonzero(has_faces if keep == "all" else has_faces & ~at_wall)
+    kept = np.flatnonzero(has_faces if keep == "all" else has_faces & ~cells.touch_walls())
     if kept.size == 0:
         raise InputError(
             f"all {len(cells)} cells touch a wall and would be dropped; use more seeds, a periodic domain or keep='all'"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 
     from grainsdem.model import Packing
     from grainsdem.recipe.tables import Recipe
+
+LOG = logging.getLogger(__name__)
 
 MOST_SEEDS = 10_000_000
 """Seeds that a size and a domain may ask for: a mistaken unit asks for billions."""
@@ -67,8 +70,10 @@ def stream(recipe: Recipe, stage: int) -> np.random.Generator:
 SEEDS, _THROATS, _SIZES = 0, 2, 3  # stage 1 is pouring
 
 
-def _grown(recipe: Recipe, monitor: Monitor, *, is_scaled: bool) -> tuple[Packing, NDArray[np.float64] | None]:
-    """Return the bed, and the diameters [m] asked for, if any."""
+def _grown(
+    recipe: Recipe, monitor: Monitor, *, is_scaled: bool, is_pilot: bool = False
+) -> tuple[Packing, NDArray[np.float64] | None]:
+    """Return the bed, and the diameters [m] asked for, if any; a pilot has a curve only about as well."""
     domain, grains = recipe.domain.make(), recipe.grains
     with monitor.stage("Placing seeds"):
         seeds = place(recipe.seeds, domain, stream(recipe, SEEDS))
@@ -82,11 +87,21 @@ def _grown(recipe: Recipe, monitor: Monitor, *, is_scaled: bool) -> tuple[Packin
                 progress=lambda done: tell(done / total, f"iteration {done} of {total}"),
             )
     wanted = None
-    with monitor.stage("Growing grains"):
-        if grains.sizes is None:
+    with monitor.stage("Growing grains") as tell:
+        if grains.prescribed is None:
             cells = tessellate(seeds, domain)
         else:
-            cells, wanted = sized(grains.sizes, seeds, domain, stream(recipe, _SIZES))
+            if not is_pilot:
+                for line in grains.prescribed.assumed():
+                    LOG.warning("%s", line)
+            cells, wanted = sized(
+                grains.prescribed,
+                seeds,
+                domain,
+                stream(recipe, _SIZES),
+                keep=None if is_pilot else grains.keep,
+                progress=lambda done, off: tell(done / (done + 1), f"round {done}, curve off by {100 * off:.2g} %"),
+            )
         return shape(grains, cells, stream(recipe, _THROATS), wanted=wanted, is_scaled=is_scaled), wanted
 
 
@@ -101,7 +116,7 @@ def _counted(recipe: Recipe, tell: Callable[[float, str], None]) -> tuple[Recipe
     while n not in tried and len(tried) < _BEDS:
         tell(len(tried) / _BEDS, f"{n} seeds")
         with unwarned():
-            bed, wanted = _grown(_with_count(plain, n), Silent(), is_scaled=False)
+            bed, wanted = _grown(_with_count(plain, n), Silent(), is_scaled=False, is_pilot=True)
         tried[n] = size_ratio(recipe.grains, bed, wanted)
         if abs(tried[n] - 1) <= _CLOSE:
             break
@@ -119,8 +134,8 @@ def _room(recipe: Recipe, power: int) -> float:
     volume = domain.volume / domain.lengths[2] if domain.is_planar else domain.volume
     if grains.diameter is not None:
         mean = grains.diameter[1] ** power
-    elif grains.sizes is not None:
-        mean = float((grains.sizes.draw(4096, stream(recipe, _SIZES)) ** power).mean())
+    elif grains.prescribed is not None:
+        mean = float((grains.prescribed.draw(4096, stream(recipe, _SIZES)) ** power).mean())
     else:
         raise InputError("the number of seeds follows from a size only")
     room = float(volume / mean * (4 / np.pi if domain.is_planar else 6 / np.pi))

@@ -129,7 +129,7 @@ class Recipe(Table):
     @model_validator(mode="after")
     def _two_of_three(self) -> Self:
         """Of the domain in metres, the number of seeds and the grains' size, any two give the third."""
-        sizes, count = self.grains.sizes, self.seeds.count
+        sizes, count = self.grains.prescribed, self.seeds.count
         has_count = count is not None or not self.seeds.wants_count or (sizes is not None and sizes.is_list)
         if self.domain.side is not None and has_count and self.grains.has_size:
             raise ValueError(
@@ -165,7 +165,7 @@ class Recipe(Table):
     @property
     def has_chance(self) -> bool:
         """Whether the bed as grown differs from one rng to another."""
-        sizes, throats = self.grains.sizes, self.grains.throats
+        sizes, throats = self.grains.prescribed, self.grains.throats
         is_moved = throats is not None and throats.fraction > 0 and throats.strength > 0
         return self.seeds.has_chance or is_moved or (sizes is not None and not sizes.is_list)
 
@@ -179,7 +179,7 @@ class Recipe(Table):
     @property
     def is_count_open(self) -> bool:
         """Whether the number of seeds follows from the grains' size and the domain's."""
-        sizes = self.grains.sizes
+        sizes = self.grains.prescribed
         return self.seeds.wants_count and self.seeds.count is None and not (sizes is not None and sizes.is_list)
 
     @property
@@ -222,10 +222,11 @@ def read(path: str | os.PathLike[str]) -> Recipe:
     recipe = recipe.model_copy(update={"seeds": recipe.seeds.beside(path.parent)})
     tables = {name: table.beside(path.parent) for name, table in recipe.experiments().items() if table is not None}
     recipe = recipe.model_copy(update=tables)
-    sizes = recipe.grains.sizes
-    if sizes is not None and sizes.path is not None:
-        sizes = sizes.model_copy(update={"path": str(path.parent / sizes.path)})
-        recipe = recipe.model_copy(update={"grains": recipe.grains.model_copy(update={"sizes": sizes})})
+    for name in ("sizes", "sieves"):
+        table = getattr(recipe.grains, name)
+        if table is not None and table.path is not None:
+            table = table.model_copy(update={"path": str(path.parent / table.path)})
+            recipe = recipe.model_copy(update={"grains": recipe.grains.model_copy(update={name: table})})
     return recipe
 
 

@@ -165,7 +165,8 @@ def _find_beside(folder: Path, tables: dict[str, Any]) -> None:
     grains = tables.get("grains")
     seeds = tables.get("seeds")
     own = list(seeds.values()) if isinstance(seeds, dict) else []  # tables of processes are among them
-    for table in (seeds, *own, grains.get("sizes") if isinstance(grains, dict) else None):
+    named = [grains.get(name) for name in ("sizes", "sieves")] if isinstance(grains, dict) else []
+    for table in (seeds, *own, *named):
         if isinstance(table, dict):
             files = {key: table[key] for key in ("path", "parents") if isinstance(table.get(key), str)}
             table |= {key: str(folder / name) for key, name in files.items()}

@@ -128,7 +128,8 @@ def run(
 def _tell_of_lost_sizes(jobs: list[Recipe], header: list[str], rows: list[list[str] | None]) -> None:
     """Log in how many beds cells of prescribed sizes were dropped at walls."""
     grains, seeds = header.index("n_grains"), header.index("n_seeds")
-    sized = [row for recipe, row in zip(jobs, rows, strict=True) if recipe.grains.sizes is not None and row is not None]
+    listed = [recipe.grains.sizes is not None and recipe.grains.sizes.is_list for recipe in jobs]
+    sized = [row for has, row in zip(listed, rows, strict=True) if has and row is not None]
     lost = sum(not row[-1] and int(row[grains]) < int(row[seeds]) for row in sized)
     if lost:
         _LOG.warning(

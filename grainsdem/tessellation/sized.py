@@ -25,6 +25,7 @@ from grainsdem.model import Domain, Polyhedra, Tessellation
 from grainsdem.points.check import check_seeds
 from grainsdem.points.poisson import poisson
 from grainsdem.ragged import owners
+from grainsdem.roots import raised
 from grainsdem.tessellation.engine.frame import Frame
 from grainsdem.tessellation.engine.full import full_cells
 from grainsdem.tessellation.engine.tree import Tree, build, reweighted
@@ -137,10 +138,17 @@ def sized_cells(
     steps = 0
     compiled("cells", "lloyd")
     for _ in range(relaxations):
-        weights, state, steps = _solve(domain, sites, weights, targets, max(ROUGH, tolerance), steps, progress)
+        weights, state, steps = solve(domain, sites, weights, targets, max(ROUGH, tolerance), steps, progress)
         sites = check_seeds(inside(sites + state.centroids, domain), domain)
-    weights, state, _ = _solve(domain, sites, weights, targets, tolerance, steps, progress)
+    weights, state, _ = solve(domain, sites, weights, targets, tolerance, steps, progress)
     return Tessellation(domain, sites, weights, state.shapes, state.neighbors, state.shifts)
+
+
+def resized_cells(cells: Tessellation, diameters: Floats, *, tolerance: float) -> Tessellation:
+    """Return the cells of the same seeds with other sizes [m], shape (n,); from weights that are near, so soon."""
+    targets = _targets(cells.domain, diameters, None, np.random.default_rng(0))
+    weights, state, _ = solve(cells.domain, cells.sites, cells.weights, targets, tolerance, 0, None)
+    return Tessellation(cells.domain, cells.sites, weights, state.shapes, state.neighbors, state.shifts)
 
 
 def _targets(domain: Domain, diameters: ArrayLike | Law, n: int | None, rng: np.random.Generator) -> Floats:
@@ -148,7 +156,7 @@ def _targets(domain: Domain, diameters: ArrayLike | Law, n: int | None, rng: np.
     power = 2 if domain.is_planar else 3
     if isinstance(diameters, Law):
         if n is None:
-            unit = _quantiles(diameters, 4096) ** power
+            unit = raised(_quantiles(diameters, 4096), power)
             mean = float(unit.mean()) * (np.pi / 4 * domain.lengths[2] if domain.is_planar else np.pi / 6)
             n = max(1, round(domain.volume / mean)) if np.isfinite(mean) and mean > 0 else 1
         if n < 1:
@@ -164,7 +172,7 @@ def _targets(domain: Domain, diameters: ArrayLike | Law, n: int | None, rng: np.
     if bad.size:
         raise InputError(f"diameters must be positive and finite; {bad.size} are not: {name_offenders(bad)}")
     # The largest first: the cubes of micrometres are small enough to lose digits.
-    volumes = (values / values.max()) ** power
+    volumes = raised(values / values.max(), power)
     return np.asarray(volumes * (domain.volume / volumes.sum()))
 
 
@@ -180,7 +188,7 @@ def _state(tree: Tree, frame: Frame, weights: Floats) -> _State:
     return _State(shapes, cells.neighbors, cells.shifts, measured.volumes, measured.centroids)
 
 
-def _solve(
+def solve(
     domain: Domain,
     sites: Floats,
     weights: Floats,

@@ -3,6 +3,8 @@
 from grainsdem.measures.distributions.fits import FAMILIES, SizeFit, fit_sizes
 from grainsdem.measures.distributions.hyperbolic import LogHyperbolic
 from grainsdem.measures.distributions.normal import LogNormal, Normal
+from grainsdem.measures.distributions.sheet_files import read_sieves
+from grainsdem.measures.distributions.sheets import SieveSheet
 from grainsdem.measures.distributions.sieves import fit_sieves, sieve_statistics
 from grainsdem.measures.distributions.statistics import (
     PhiStatistics,
@@ -18,10 +20,12 @@ __all__ = [
     "LogNormal",
     "Normal",
     "PhiStatistics",
+    "SieveSheet",
     "SizeFit",
     "SizeStatistics",
     "fit_sieves",
     "fit_sizes",
+    "read_sieves",
     "sieve_statistics",
     "size_distribution",
     "size_statistics",

@@ -1,6 +1,7 @@
 """``[grains]``: what the cells become, and the sizes that they are to have."""
 
+from grainsdem.recipe.grains.sieves import SievesTable
 from grainsdem.recipe.grains.sizes import SizesTable, sized
 from grainsdem.recipe.grains.table import GrainsTable, ThroatsTable, shape, size_ratio
 
-__all__ = ["GrainsTable", "SizesTable", "ThroatsTable", "shape", "size_ratio", "sized"]
+__all__ = ["GrainsTable", "SievesTable", "SizesTable", "ThroatsTable", "shape", "size_ratio", "sized"]

@@ -2,22 +2,32 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from grainsdem.errors import FileFormatError, InputError, MissingFileError
 from grainsdem.geometry.integrals import volumes
+from grainsdem.measures.distributions.fits import FAMILIES
+from grainsdem.measures.distributions.hyperbolic import LogHyperbolic
+from grainsdem.measures.distributions.normal import LogNormal, Normal
+from grainsdem.model import Grading
 from grainsdem.points import text
 from grainsdem.recipe.base import Positive, Table
+from grainsdem.recipe.grains.sieves import SievesTable
 from grainsdem.tessellation import sized_cells
+from grainsdem.tessellation.graded import SHARPEST, TOLERANCE, graded_cells
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     from grainsdem.model import Domain, Packing, Tessellation
+    from grainsdem.tessellation.sized import Law
 
     Floats = NDArray[np.float64]
 
@@ -28,16 +38,20 @@ class SizesTable(Table):
     """``[grains.sizes]``: the diameters [m] of the grains, by a law or one by one; cells are made to fit them.
 
     Only their ratios count where ``[grains]`` has a mean or median diameter of its own. Diameters are those of spheres
-    of equal volume, or in a slab of circles of equal area. Cells that touch a wall are dropped, and their sizes with
-    them, unless ``keep`` is ``"all"``: a warning tells what that does to the curve.
+    of equal volume, or in a slab of circles of equal area. A law is had by the grains that are kept. Of a list, cells
+    that touch a wall are dropped, and their sizes with them, unless ``keep`` is ``"all"``: a warning tells what that
+    does to the curve.
 
     Parameters
     ----------
     law : str
-        Name of a continuous distribution of `scipy.stats`, such as ``"lognorm"``. Grains take its quantiles at equal
-        steps of probability, in random order.
+        A family that `grainsdem fit` fits, ``"normal"``, ``"lognormal"`` or ``"log-hyperbolic"``, or the name of a
+        continuous distribution of `scipy.stats`, such as ``"lognorm"``. Grains take its quantiles at equal steps of
+        probability, in random order.
     parameters : table of numbers
-        Its parameters by their names there, such as ``{s = 0.3, scale = 1e-3}``.
+        Its parameters, such as ``{mu = -6.9, sigma = 0.3}``, or by their names in scipy, ``{s = 0.3, scale = 1e-3}``.
+    by : {"number", "mass"}
+        What the law is a distribution of. One of mass is cut at its half and its 99.5 per cent.
     diameters : list of numbers
         Diameter [m] of each grain; that of seed i is entry i, and there are as many seeds as entries.
     path : str
@@ -50,6 +64,7 @@ class SizesTable(Table):
 
     law: str | None = None
     parameters: dict[str, float] = Field(default_factory=dict)
+    by: Literal["number", "mass"] = "number"
     diameters: Annotated[tuple[Positive, ...], Field(min_length=1)] | None = None
     path: str | None = None
     tolerance: Annotated[float, Field(gt=0, lt=1)] = 0.01
@@ -63,8 +78,10 @@ class SizesTable(Table):
         if self.law is None:
             if self.parameters:
                 raise ValueError(f"parameters are those of a law; got {', '.join(self.parameters)} beside {given[0]}")
+            if self.by != "number":
+                raise ValueError(f"by says what a law is a distribution of; got {self.by!r} beside {given[0]}")
             return self
-        _frozen(self.law, self.parameters)
+        self.curve()
         return self
 
     @property
@@ -83,26 +100,50 @@ class SizesTable(Table):
             If it is in a file that is missing, or holds something else.
         """
         if self.law is not None:
-            quantiles = _frozen(self.law, self.parameters).ppf((np.arange(n) + 0.5) / n)
-            return np.asarray(rng.permutation(quantiles), dtype=np.float64)
+            curve = self.curve()
+            if isinstance(curve, Grading):
+                return rng.permutation(curve.draw(n, tolerance=None))
+            return np.asarray(rng.permutation(curve.ppf((np.arange(n) + 0.5) / n)), dtype=np.float64)
         values = self.listed()
         if len(values) != n:
             raise InputError(f"there must be one diameter for each of the {n} seeds; got {len(values)}")
         return values
+
+    def curve(self) -> Grading | Law:
+        """Return what the sizes are to follow, where that is a law."""
+        if self.law is None:
+            raise InputError("a list of diameters follows no law")
+        law = _frozen(self.law, self.parameters)
+        return Grading.of(law) if self.by == "mass" else law
+
+    def assumed(self) -> list[str]:
+        """Return a line on each thing that had to be assumed: nothing."""
+        return []
 
     def listed(self) -> Floats:
         """Return the diameters [m] of a list, shape (n,); errors as in `draw`."""
         return np.asarray(self.diameters, dtype=np.float64) if self.path is None else _read(Path(self.path))
 
 
+_OWN: dict[str, type[Normal | LogNormal | LogHyperbolic]] = dict(
+    zip(FAMILIES, (Normal, LogNormal, LogHyperbolic), strict=True)
+)
+
+
 def _frozen(law: str, parameters: dict[str, float]) -> Any:
-    """Return a distribution of scipy.stats with its parameters."""
+    """Return a family that is fitted, or a distribution of scipy.stats, with its parameters."""
+    if law in _OWN:
+        names = [field.name for field in fields(_OWN[law])]
+        if set(parameters) != set(names):
+            raise ValueError(f"{law} takes {', '.join(names)}; got {', '.join(parameters) or 'none'}")
+        return _OWN[law](**parameters)
     from scipy import stats  # noqa: PLC0415  (half a second, and only for laws)
 
     family = getattr(stats, law, None)
     if not isinstance(family, stats.rv_continuous):
         raise ValueError(  # noqa: TRY004  (pydantic turns ValueErrors into lines)
-            f"law must be a continuous distribution of scipy.stats, such as lognorm or uniform; got {law!r}"
+            f"law must be {', '.join(_OWN)}, or a continuous distribution of scipy.stats, such as lognorm or uniform; "
+            f"got {law!r}"
         )
     takes = [*filter(None, (family.shapes or "").split(", ")), "loc", "scale"]
     try:
@@ -134,11 +175,55 @@ def _read(path: Path) -> Floats:
     return values
 
 
-def sized(table: SizesTable, seeds: Floats, domain: Domain, rng: np.random.Generator) -> tuple[Tessellation, Floats]:
-    """Return cells of the sizes of a table about the given seeds, and the diameters [m] asked for, shape (n,)."""
-    wanted = table.draw(len(seeds), rng)
-    cells = sized_cells(domain, wanted, seeds=seeds, tolerance=table.tolerance, relaxations=table.relaxations, rng=rng)
-    return cells, wanted
+def sized(
+    table: SizesTable | SievesTable,
+    seeds: Floats,
+    domain: Domain,
+    rng: np.random.Generator,
+    *,
+    keep: Literal["inside", "all"] | None,
+    progress: Callable[[int, float], None] | None = None,
+) -> tuple[Tessellation, Floats]:
+    """Return cells of the sizes of a table about the given seeds, and the diameters [m] asked for, shape (n,).
+
+    Parameters
+    ----------
+    table : SizesTable or SievesTable
+        What is asked for.
+    seeds : ndarray, shape (n, 3)
+        Where the cells grow [m].
+    domain : Domain
+        What they fill.
+    rng : numpy.random.Generator
+        Source of randomness.
+    keep : {"inside", "all"}, optional
+        Which cells are to have the curve; None where it need not be exact, since only their number is wanted.
+    progress : callable, optional
+        Called with the number of the round, and how far the curve is off.
+    """
+    is_curve = isinstance(table, SievesTable) or table.by == "mass"
+    if table.is_list or keep is None or not (is_curve or _has_walls(domain, keep)):
+        wanted = table.draw(len(seeds), rng)
+        tolerance = SHARPEST if isinstance(table, SievesTable) else table.tolerance
+        cells = sized_cells(domain, wanted, seeds=seeds, tolerance=tolerance, relaxations=table.relaxations, rng=rng)
+        return cells, wanted
+    found = graded_cells(
+        domain,
+        table.curve(),
+        seeds=seeds,
+        keep=keep,
+        tolerance=table.tolerance if isinstance(table, SievesTable) else TOLERANCE,
+        relaxations=table.relaxations,
+        rng=rng,
+        progress=progress,
+    )
+    return found.cells, found.diameters
+
+
+def _has_walls(domain: Domain, keep: str) -> bool:
+    """Return whether cells at walls are dropped."""
+    sides = domain.periodic[:2] if domain.is_planar else domain.periodic
+    return keep == "inside" and bool(not sides.all() or len(domain.planes))
 
 
 def ratio_to(wanted: Floats, packing: Packing) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
@@ -10,7 +11,9 @@ from pydantic import Field, field_validator, model_validator
 from grainsdem.errors import InputError
 from grainsdem.model import QUARTZ_DENSITY
 from grainsdem.packing import VOID_RELATIONS, carve, fit_void_ratio, jitter_throats, rescale, resize, shrink, size_of
+from grainsdem.packing.carve import unwarned
 from grainsdem.recipe.base import Coefficient, Fraction, Positive, Table
+from grainsdem.recipe.grains.sieves import SievesTable
 from grainsdem.recipe.grains.sizes import SizesTable, ratio_to
 
 if TYPE_CHECKING:
@@ -81,8 +84,8 @@ class GrainsTable(Table):
         the whole bed is scaled to it, and only the domain's proportions count; without, the count follows.
     density : float
         Density [kg/m³].
-    throats, sizes : tables, optional
-        See each.
+    throats, sizes, sieves : tables, optional
+        See each; sizes or sieves, not both.
     """
 
     keep: Literal["inside", "all"] = "inside"
@@ -99,6 +102,7 @@ class GrainsTable(Table):
     density: Positive = QUARTZ_DENSITY
     throats: ThroatsTable | None = None
     sizes: SizesTable | None = None
+    sieves: SievesTable | None = None
 
     @field_validator("region", mode="before")
     @classmethod
@@ -131,8 +135,13 @@ class GrainsTable(Table):
                 "region says what a porosity is of, and neither scale nor gap is one: leave it out, or give porosity, "
                 "solid_fraction, void_ratio or relation"
             )
-        if self.gap is not None and self.sizes is not None:
-            raise ValueError("a gap takes more from small grains than from large ones: give sizes or gap")
+        if self.sizes is not None and self.sieves is not None:
+            raise ValueError("give sizes or sieves, not both")
+        if self.gap is not None and self.prescribed is not None:
+            given = "sizes" if self.sieves is None else "sieves"
+            raise ValueError(f"a gap takes more from small grains than from large ones: give {given} or gap")
+        if self.sieves is not None and self.diameter is not None:
+            raise ValueError(f"sieves say how large grains are: leave out {self.diameter[0]}")
         if self.throats is not None and self._is_full:
             raise ValueError("grains that fill their cells have no room to move: leave out throats, or give more void")
         return self
@@ -145,7 +154,12 @@ class GrainsTable(Table):
     @property
     def has_size(self) -> bool:
         """Whether the grains' size in metres is asked for."""
-        return self.sizes is not None or self.diameter is not None
+        return self.prescribed is not None or self.diameter is not None
+
+    @property
+    def prescribed(self) -> SizesTable | SievesTable | None:
+        """The table that says what sizes the grains have, each its own."""
+        return self.sizes if self.sieves is None else self.sieves
 
     @property
     def diameter(self) -> tuple[str, float] | None:
@@ -178,7 +192,10 @@ def shape(
     is_scaled : bool
         Whether the whole bed is scaled to the size asked for, if any.
     """
-    packing = carve(cells, keep=table.keep, density=table.density)
+    # Grains that are kept have the curve of a law or of sieves: nothing is lost with those at the walls.
+    is_listed = table.prescribed is None or table.prescribed.is_list
+    with nullcontext() if is_listed else unwarned():
+        packing = carve(cells, keep=table.keep, density=table.density)
     if is_scaled and table.gap is not None:
         packing = _apart(packing, table)
     else:

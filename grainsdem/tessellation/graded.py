@@ -1,0 +1,210 @@
+"""Cells with a grading: a sieve curve, or a law of sizes, that the grains have which are kept.
+
+Sizes are given to the seeds before anybody knows which cells touch a wall and are dropped, and large cells touch walls
+more often. So cells are grown, those that stay are counted, and are given the sizes that so many grains have on the
+curve, in the order of the sizes that they have: each changes by little, and so hardly any cell comes to touch a wall
+or to leave it. A few such rounds, and those that stay have the curve. The same rounds bring sieve diameters to it,
+which depend on shapes that are not known before.
+"""
+
+from __future__ import annotations
+
+import logging
+from typing import TYPE_CHECKING, Literal, NamedTuple
+
+import numpy as np
+
+from grainsdem.errors import ConvergenceError, InputError
+from grainsdem.geometry.forms.boxes import rectangles
+from grainsdem.geometry.forms.holes import square_holes
+from grainsdem.geometry.integrals import volumes
+from grainsdem.model import Domain, Grading, Tessellation
+from grainsdem.roots import cube_roots, raised
+from grainsdem.tessellation.sized import Law, resized_cells, sized_cells
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from grainsdem.model import Polyhedra
+
+    Floats = NDArray[np.float64]
+
+LOG = logging.getLogger(__name__)
+
+TOLERANCE = 5e-3
+"""Largest difference, as a share, of the curve of the grains from the one asked for, at any opening."""
+
+ROUNDS = 30
+"""Most often that sizes are given anew; three are usual."""
+
+SHARPEST = 5e-3
+"""Relative error of a cell's volume: a third of that in its diameter is less than `grading.MARGIN`."""
+
+
+class GradedCells(NamedTuple):
+    """Cells, and the sizes that were asked of them.
+
+    Parameters
+    ----------
+    cells : Tessellation
+        The cells; they fill the domain, so that they have the sizes up to one factor.
+    diameters : ndarray, shape (n,)
+        Equal-volume diameter [m] of the grain of each cell.
+    deviation : float
+        Largest difference, as a share, of the curve of those that are kept from the one asked for.
+    """
+
+    cells: Tessellation
+    diameters: Floats
+    deviation: float
+
+
+def graded_cells(
+    domain: Domain,
+    curve: Grading | Law,
+    *,
+    n: int | None = None,
+    seeds: ArrayLike | None = None,
+    keep: Literal["inside", "all"] = "inside",
+    tolerance: float = TOLERANCE,
+    relaxations: int = 5,
+    rng: np.random.Generator | int | None = None,
+    progress: Callable[[int, float], None] | None = None,
+) -> GradedCells:
+    """Return Laguerre cells of which those that are kept have a grading.
+
+    Parameters
+    ----------
+    domain : Domain
+        What the cells fill.
+    curve : Grading, or a frozen distribution of scipy.stats
+        Percent passing by mass, or a law of diameters [m] by number.
+    n : int, optional
+        Number of cells, those that are dropped among them; as many as there are seeds where not given.
+    seeds : array_like, shape (n, 3), optional
+        Where to start from; random where not given.
+    keep : {"inside", "all"}
+        Which cells become grains (see `carve`).
+    tolerance : float
+        Largest difference, as a share, of the kept grains' curve from the one asked for.
+    relaxations : int
+        How many times every seed moves to the centroid of its cell on the way: rounder cells for larger numbers.
+    rng : numpy.random.Generator, int or None
+        Source of randomness, or a seed for one.
+    progress : callable, optional
+        Called after each round with its number, from 1, and the deviation.
+
+    Raises
+    ------
+    InputError
+        If there are too few grains for the curve, none is kept, or a value is out of range.
+    ConvergenceError
+        If the curve does not come within the tolerance.
+    """
+    if not 0 < tolerance < 1:
+        raise InputError(f"tolerance must lie between 0 and 1; got {tolerance}")
+    generator = np.random.default_rng(rng)
+    wish = _Wish(curve, domain)
+    count = n if seeds is None else len(np.asarray(seeds))
+    if count is None:
+        raise InputError("give n, the number of cells, or seeds")
+    diameters = generator.permutation(wish.draw(count, None, tolerance=None))
+    cells = sized_cells(domain, diameters, seeds=seeds, tolerance=SHARPEST, relaxations=relaxations, rng=generator)
+    best: GradedCells | None = None
+    for done in range(1, ROUNDS + 1):
+        kept = np.ones(len(cells), dtype=bool) if keep == "all" else ~cells.touch_walls()
+        if not kept.any():
+            raise InputError(f"all {len(cells)} cells touch a wall; use more seeds, a periodic domain or keep='all'")
+        found = wish.measure(cells, diameters)
+        deviation = wish.deviation(found, kept)
+        LOG.debug("round %d: %d of %d cells stay, curve off by %.3g", done, kept.sum(), len(cells), deviation)
+        if progress is not None:
+            progress(done, deviation)
+        if best is None or deviation < best.deviation:
+            best = GradedCells(cells, diameters, deviation)
+        if deviation <= tolerance:
+            return best
+        diameters = _given_anew(wish, diameters, found, kept, tolerance)
+        cells = resized_cells(cells, diameters, tolerance=SHARPEST)
+    if best is None or isinstance(curve, Grading):
+        raise ConvergenceError(
+            f"the curve came within {100 * (best.deviation if best else 1):.3g} % of the one asked for in {ROUNDS} "
+            f"rounds, not {100 * tolerance:.3g} %: more seeds come nearer"
+        )
+    LOG.warning(
+        "the grains that are kept have the law asked for within %.2g %% of their number and mass: more seeds, a "
+        "periodic domain or keep = 'all' come nearer", 100 * best.deviation,
+    )  # fmt: skip
+    return best
+
+
+def _given_anew(wish: _Wish, diameters: Floats, found: _Measured, kept: NDArray[np.bool_], tolerance: float) -> Floats:
+    """Return diameters [m] that give the kept cells the curve, in the order of the sizes that they have.
+
+    Those at walls keep theirs: a cell that shrank there would leave the wall, and be kept, and grow to the wall again.
+    """
+    anew = diameters.copy()
+    rows = np.flatnonzero(kept)
+    rows = rows[np.argsort(found.sizes[rows], kind="stable")]
+    anew[rows] = wish.draw(rows.size, found.ratios[rows], tolerance=tolerance) / found.ratios[rows]
+    return anew
+
+
+class _Measured(NamedTuple):
+    """Size [m] of each cell on the scale of what was asked for, that over its equal-volume diameter, and its mass."""
+
+    sizes: Floats
+    ratios: Floats
+    masses: Floats
+
+
+class _Wish:
+    """What is asked for: a grading by mass, or a law by number, in a domain."""
+
+    def __init__(self, curve: Grading | Law, domain: Domain) -> None:
+        self._curve = curve
+        self._is_planar, self._thickness = domain.is_planar, float(domain.lengths[2])
+        self._power = 2 if domain.is_planar else 3
+
+    def draw(self, n: int, ratios: Floats | None, *, tolerance: float | None) -> Floats:
+        """Return the sizes [m] of n grains, rising, shape (n,)."""
+        if isinstance(self._curve, Grading):
+            return self._curve.draw(n, power=self._power, ratios=ratios, tolerance=tolerance)
+        return np.asarray(self._curve.ppf((np.arange(n) + 0.5) / n), dtype=np.float64)
+
+    def measure(self, cells: Tessellation, diameters: Floats) -> _Measured:
+        """Return what the cells are, scaled so that in all they have the diameters asked for."""
+        content = volumes(cells.cells)
+        if self._is_planar:
+            own = np.sqrt(content / (0.25 * np.pi * self._thickness))
+        else:
+            own = cube_roots(content * (6 / np.pi))
+        masses = raised(own, self._power)
+        ratio = raised(diameters, self._power).sum() / masses.sum()
+        scale = float(np.sqrt(ratio) if self._is_planar else cube_roots(ratio))
+        ratios = np.ones(len(own))
+        if isinstance(self._curve, Grading) and self._curve.diameter == "sieve":
+            ratios = self._passed(cells.cells) / own
+        return _Measured(ratios * own * scale, ratios, masses)
+
+    def deviation(self, found: _Measured, kept: NDArray[np.bool_]) -> float:
+        """Return how far the curve of the kept cells is from the one asked for."""
+        sizes, masses = found.sizes[kept], found.masses[kept]
+        if isinstance(self._curve, Grading):
+            return self._curve.deviation(sizes, masses)
+        asked = self.draw(sizes.size, None, tolerance=None)
+        # Between each two of the sizes asked for, by number and by mass.
+        marks = 0.5 * (asked[1:] + asked[:-1])
+        order = np.argsort(sizes, kind="stable")
+        place = np.searchsorted(sizes[order], marks)
+        by_number = np.abs(place - np.arange(1, sizes.size)) / sizes.size
+        running = np.append(0.0, np.cumsum(masses[order])) / masses.sum()
+        wanted = np.cumsum(raised(asked, self._power))[:-1] / raised(asked, self._power).sum()
+        return float(max(by_number.max(initial=0.0), np.abs(running[place] - wanted).max(initial=0.0)))
+
+    def _passed(self, shapes: Polyhedra) -> Floats:
+        if self._is_planar:
+            return rectangles(shapes.vertices[:, :2], shapes.vertex_offsets)[:, 2]
+        return square_holes(shapes)
