@@ -92,6 +92,7 @@ from .model import CellLinks, Check, ContactGraph, Domain, Grading, Packing, Pol
 from .packing import (
     VOID_RELATIONS,
     Healed,
+    SortingRelation,
     VoidRelation,
     carve,
     contacts,
@@ -144,6 +145,7 @@ __all__ = [
     "SieveSheet",
     "SizeFit",
     "SizeStatistics",
+    "SortingRelation",
     "Tessellation",
     "UnstableError",
     "ValidationError",

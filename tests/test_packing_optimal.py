@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from grainsdem.errors import InputError
-from grainsdem.measures import porosity
+from grainsdem.geometry.integrals import volumes
+from grainsdem.measures import diameters, porosity, size_statistics
 from grainsdem.model import Domain
-from grainsdem.packing import VOID_RELATIONS, carve, fit_void_ratio, shrink
+from grainsdem.packing import VOID_RELATIONS, SortingRelation, carve, fit_void_ratio, shrink
 from grainsdem.points import poisson
 from grainsdem.tessellation import tessellate
 
@@ -44,6 +45,17 @@ def test_the_bed_lies_on_the_relation_and_the_factor_is_told(cells, name, a, b):
     assert scale**3 == pytest.approx(1 - porosity(bed), rel=1e-12)
 
 
+def test_a_bed_has_the_void_ratio_of_its_sorting(cells):
+    law = VOID_RELATIONS["terzaghi_1996"]
+    # The paper's three classes, and halfway between two of them.
+    assert [law(s) for s in (0.1, 0.425, 0.64, 0.855, 4.0, 5.0)] == pytest.approx([0.85, 0.85, 0.76, 0.67, 0.25, 0.25])
+    bed = fit_void_ratio(carve(cells), relation="terzaghi_1996")
+    sorting = size_statistics(diameters(bed), weights=volumes(bed.grains)).folk_ward.sorting
+    assert void_ratio(bed) == pytest.approx(law(sorting), rel=1e-8)
+    steep = SortingRelation((0.0, 10.0), (1.0, 0.0), "a test's own")
+    assert void_ratio(fit_void_ratio(carve(cells), relation=steep)) == pytest.approx(1 - sorting / 10, rel=1e-8)
+
+
 def test_any_function_of_the_sphericity_will_do(cells):
     heard = []
     bed = fit_void_ratio(carve(cells), relation=lambda s: heard.append(s) or 0.7)
@@ -68,7 +80,7 @@ def test_in_a_planar_bed_the_sphericity_is_that_of_the_outlines():
 @pytest.mark.parametrize(
     ("relation", "words"),
     [
-        ("cho", "one of cho_2006_max, cho_2006_min; got 'cho'"),
+        ("cho", "one of cho_2006_max, cho_2006_min, terzaghi_1996; got 'cho'"),
         (lambda _s: -0.1, "void ratio of zero or more; at S = .* it is -0.1"),
         (lambda _s: np.nan, "it is nan"),
         (lambda _s: 0.5, "porosity can only grow"),

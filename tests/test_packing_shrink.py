@@ -225,7 +225,7 @@ def test_links_follow_the_size(fresh):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({}, "give one of mean_diameter, median_diameter and side; got none"),
+        ({}, "give one of mean_diameter, median_diameter, side and diameters; got none"),
         ({"side": 1.0, "mean_diameter": 1e-3}, "got mean_diameter=0.001, side=1.0"),
         ({"side": 0.0}, "side must be positive and finite; got 0.0"),
         ({"mean_diameter": np.nan}, "mean_diameter must be positive"),

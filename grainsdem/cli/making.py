@@ -123,7 +123,8 @@ def generate(
     relation: Annotated[
         str | None,
         typer.Option(
-            help="Relation of void ratio to sphericity that the bed is to lie on, such as cho_2006_max.",
+            help="Relation of void ratio to sphericity or sorting that the bed is to lie on: cho_2006_max, "
+            "cho_2006_min, terzaghi_1996.",
             rich_help_panel=VOID,
         ),
     ] = None,

@@ -4,14 +4,16 @@ from grainsdem.packing.carve import carve, subset
 from grainsdem.packing.contacts import contacts, neighbor_contacts
 from grainsdem.packing.heal import Healed, heal
 from grainsdem.packing.inset import inset
-from grainsdem.packing.optimal import VOID_RELATIONS, VoidRelation, fit_void_ratio
-from grainsdem.packing.shrink import rescale, resize, shrink, size_of
+from grainsdem.packing.optimal import VOID_RELATIONS, SortingRelation, VoidRelation, fit_void_ratio
+from grainsdem.packing.scaling import ratio_to, rescale, resize, size_of
+from grainsdem.packing.shrink import shrink
 from grainsdem.packing.shuffle import shuffle
 from grainsdem.packing.throats import jitter_throats, throat_widths
 
 __all__ = [
     "VOID_RELATIONS",
     "Healed",
+    "SortingRelation",
     "VoidRelation",
     "carve",
     "contacts",
@@ -20,6 +22,7 @@ __all__ = [
     "inset",
     "jitter_throats",
     "neighbor_contacts",
+    "ratio_to",
     "rescale",
     "resize",
     "shrink",

@@ -9,7 +9,6 @@ import numpy as np
 
 from grainsdem.errors import InputError, name_offenders
 from grainsdem.geometry.clipping import box_planes, solid_volume
-from grainsdem.geometry.forms.sizes import grain_diameters, weighted_percentiles
 from grainsdem.geometry.integrals import volumes
 from grainsdem.geometry.rotations import to_matrices
 from grainsdem.packing.inset import OUT, set_apart, slacks
@@ -234,77 +233,3 @@ def _refuse_growth(ratio: float, porosity: float) -> None:
     if ratio > 1 + 1e-12:
         now = 1 - (1 - porosity) / ratio
         raise InputError(f"porosity can only grow: the packing has {now:.6g} already; got {porosity}")
-
-
-def rescale(packing: Packing, factor: float) -> Packing:
-    """Return the whole packing, domain included, scaled about the origin: another grain size, the same structure.
-
-    Parameters
-    ----------
-    packing : Packing
-        Any packing.
-    factor : float
-        Ratio of new to old lengths, positive.
-
-    Raises
-    ------
-    InputError
-        If the factor is not positive and finite.
-    """
-    if not (np.isfinite(factor) and factor > 0):
-        raise InputError(f"factor must be positive and finite; got {factor}")
-    links = packing.links
-    return replace(
-        packing,
-        grains=replace(packing.grains, vertices=packing.grains.vertices * factor),
-        positions=packing.positions * factor,
-        domain=packing.domain.scaled(factor),
-        links=None if links is None else links.scaled(factor),
-    ).with_step("rescale", factor=float(factor))
-
-
-def resize(
-    packing: Packing,
-    *,
-    mean_diameter: float | None = None,
-    median_diameter: float | None = None,
-    side: float | None = None,
-) -> Packing:
-    """Return the whole packing in metres: scaled until its grains, or its domain, have the size asked for, exactly.
-
-    Parameters
-    ----------
-    packing : Packing
-        At least one grain.
-    mean_diameter : float
-        Mean equal-volume diameter [m] by number; of equal area in a planar bed.
-    median_diameter : float
-        Median diameter [m] by mass.
-    side : float
-        Length [m] of the domain along x. Give one of the three: with the number of grains, which the packing has
-        already, the others follow.
-
-    Raises
-    ------
-    InputError
-        If not exactly one is given, or it is not positive and finite.
-    """
-    given = {"mean_diameter": mean_diameter, "median_diameter": median_diameter, "side": side}
-    known = {name: value for name, value in given.items() if value is not None}
-    if len(known) != 1:
-        got = ", ".join(f"{name}={value}" for name, value in known.items()) or "none"
-        raise InputError(f"give one of mean_diameter, median_diameter and side; got {got}")
-    ((name, wanted),) = known.items()
-    if not (np.isfinite(wanted) and wanted > 0):
-        raise InputError(f"{name} must be positive and finite; got {wanted}")
-    return rescale(packing, wanted / size_of(packing, name))
-
-
-def size_of(packing: Packing, name: str) -> float:
-    """Return the ``mean_diameter``, ``median_diameter`` or ``side`` [m] of a packing."""
-    if name == "side":
-        return float(packing.domain.lengths[0])
-    d = grain_diameters(packing)
-    if name == "mean_diameter":
-        return float(d.mean())
-    return float(weighted_percentiles(d, np.array(50.0), packing.densities * volumes(packing.grains)))

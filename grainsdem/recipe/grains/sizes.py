@@ -10,7 +10,6 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from grainsdem.errors import FileFormatError, InputError, MissingFileError
-from grainsdem.geometry.integrals import volumes
 from grainsdem.measures.distributions.fits import FAMILIES
 from grainsdem.measures.distributions.hyperbolic import LogHyperbolic
 from grainsdem.measures.distributions.normal import LogNormal, Normal
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from grainsdem.model import Domain, Packing, Tessellation
+    from grainsdem.model import Domain, Tessellation
     from grainsdem.tessellation.sized import Law
 
     Floats = NDArray[np.float64]
@@ -213,6 +212,7 @@ def sized(
         seeds=seeds,
         keep=keep,
         tolerance=table.tolerance if isinstance(table, SievesTable) else TOLERANCE,
+        strict=isinstance(table, SievesTable) and table.fit is None,
         relaxations=table.relaxations,
         rng=rng,
         progress=progress,
@@ -224,26 +224,3 @@ def _has_walls(domain: Domain, keep: str) -> bool:
     """Return whether cells at walls are dropped."""
     sides = domain.periodic[:2] if domain.is_planar else domain.periodic
     return keep == "inside" and bool(not sides.all() or len(domain.planes))
-
-
-def ratio_to(wanted: Floats, packing: Packing) -> float:
-    """Return how many times larger grains are than asked for: the same for all, as their cells fill the domain.
-
-    Parameters
-    ----------
-    wanted : ndarray, shape (n_cells,)
-        Diameters [m] of all cells' grains, those included that were dropped.
-    packing : Packing
-        The grains, scaled in their cells.
-
-    Notes
-    -----
-    Cells of the total volume V have V d_i³ / Σ d³ each, and grains the same share of their cells.
-    """
-    if packing.links is None:
-        raise InputError("the grains have left the cells that were sized")
-    share = volumes(packing.grains).sum() / packing.links.cell_volumes.sum()
-    domain = packing.domain
-    if domain.is_planar:
-        return float(np.sqrt(4 / np.pi * share * domain.volume / domain.lengths[2] / (wanted**2).sum()))
-    return float(np.cbrt(6 / np.pi * share * domain.volume / (wanted**3).sum()))

@@ -10,11 +10,21 @@ from pydantic import Field, field_validator, model_validator
 
 from grainsdem.errors import InputError
 from grainsdem.model import QUARTZ_DENSITY
-from grainsdem.packing import VOID_RELATIONS, carve, fit_void_ratio, jitter_throats, rescale, resize, shrink, size_of
+from grainsdem.packing import (
+    VOID_RELATIONS,
+    carve,
+    fit_void_ratio,
+    jitter_throats,
+    ratio_to,
+    rescale,
+    resize,
+    shrink,
+    size_of,
+)
 from grainsdem.packing.carve import unwarned
 from grainsdem.recipe.base import Coefficient, Fraction, Positive, Table
 from grainsdem.recipe.grains.sieves import SievesTable
-from grainsdem.recipe.grains.sizes import SizesTable, ratio_to
+from grainsdem.recipe.grains.sizes import SizesTable
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -73,8 +83,8 @@ class GrainsTable(Table):
     gap : float
         Distance [m] between the faces of neighbours, the same everywhere, in the finished bed.
     relation : str
-        Name of a relation of void ratio to mean sphericity that the bed is to lie on: the optimal F. One of the six
-        is given.
+        Name of a relation of void ratio to mean sphericity, or to sorting, that the bed is to lie on: the optimal F.
+        One of the six is given.
     about : {"centroid", "seed", "vertex_mean"}
         What grains shrink about.
     region : {"cells", "domain"} or two corners
