@@ -52,8 +52,10 @@ from .measures import (
     masses,
     mean_coordination,
     neighbor_table,
+    orientation_tensor,
     percentiles,
     porosity,
+    principal_axes,
     rattlers,
     read_sieves,
     sieve_diameters,
@@ -64,6 +66,7 @@ from .measures import (
     summary,
     table,
     to_pandas,
+    trend_and_plunge,
     write_csv,
     write_edges,
     write_table,
@@ -110,7 +113,18 @@ from .packing import (
     throat_widths,
 )
 from .storage import load, load_history, load_motion, load_moved, save
-from .tessellation import GradedCells, Relaxation, graded_cells, relax, relaxation, sized_cells, tessellate
+from .tessellation import (
+    GradedCells,
+    Metric,
+    Relaxation,
+    Shape,
+    graded_cells,
+    relax,
+    relaxation,
+    shaped_cells,
+    sized_cells,
+    tessellate,
+)
 from .validation import compare, validate
 
 __version__: str
@@ -129,6 +143,7 @@ __all__ = [
     "Healed",
     "InputError",
     "LogHyperbolic",
+    "Metric",
     "MissingFileError",
     "MissingPackageError",
     "Outcome",
@@ -141,6 +156,7 @@ __all__ = [
     "Section",
     "SettleReport",
     "Settled",
+    "Shape",
     "ShapeError",
     "SieveSheet",
     "SizeFit",
@@ -196,6 +212,7 @@ __all__ = [
     "mean_widths",
     "neighbor_contacts",
     "neighbor_table",
+    "orientation_tensor",
     "percentiles",
     "photograph",
     "planform",
@@ -203,6 +220,7 @@ __all__ = [
     "planform_table",
     "points",
     "porosity",
+    "principal_axes",
     "rattlers",
     "read_sieves",
     "recipe",
@@ -217,6 +235,7 @@ __all__ = [
     "section_summary",
     "section_table",
     "settle",
+    "shaped_cells",
     "shrink",
     "shuffle",
     "sieve_diameters",
@@ -236,6 +255,7 @@ __all__ = [
     "throat_widths",
     "tilt",
     "to_pandas",
+    "trend_and_plunge",
     "triaxial",
     "two_point_correlation",
     "validate",

@@ -165,3 +165,40 @@ def test_few_grains_and_few_seeds_are_told_what_it_takes():
     wide = {"openings": [20, 15, 10, 5, 1], "passing": [100, 98, 60, 30, 0]}
     with pytest.raises(InputError, match=r"too few for this grading.*; \d+ grains can have it"):
         grow(wide)
+
+
+def test_flat_grains_have_the_curve_too():
+    bed = grow(TABLE, axes={"flatness": 0.4, "elongation": 0.75, "dip": 0.3})
+    assert passing(bed, [2e-3, 1e-3, 0.5e-3, 0.25e-3], gd.sieve_diameters(bed)) == pytest.approx(
+        [100, 75, 25, 0], abs=0.5
+    )
+    rows = gd.table(bed, sieves=False)
+    assert rows["flatness"].mean() == pytest.approx(0.4, rel=0.02)
+    assert rows["elongation"].mean() == pytest.approx(0.75, rel=0.02)
+    assert gd.porosity(bed) == pytest.approx(0.4)
+    assert gd.validate(bed).ok
+
+
+@pytest.mark.parametrize(
+    ("axes", "words"),
+    [
+        ({}, "give elongation, flatness or both"),
+        ({"flatness": 0}, "flatness: .*0.02; got 0"),
+        ({"elongation": 2}, "elongation: .*equal to 1; got 2"),
+        ({"elongation": 0.5, "plunge": 1}, "plunge: unknown key; allowed are elongation, flatness, trend, dip"),
+    ],
+)
+def test_axes_without_a_meaning_get_one_line(axes, words):
+    with pytest.raises(InputError, match=words):
+        recipes.make(seeds=SEEDS, grains={"porosity": 0.4, "axes": axes})
+
+
+def test_the_command_grows_long_grains_and_draws_where_they_point(tmp_path):
+    bed, net = tmp_path / "long.h5", tmp_path / "net.png"
+    words = ["generate", bed, "--process", "poisson", "--count", 200, "--elongation", 0.6, "--trend", 1.0]
+    result = CliRunner().invoke(app, [str(word) for word in (*words, "--porosity", 0.4, "--quiet")])
+    assert result.exit_code == 0, result.output
+    assert gd.table(gd.load(bed), sieves=False)["elongation"].mean() == pytest.approx(0.6, rel=0.02)
+    result = CliRunner().invoke(app, ["measure", str(bed), "--net", str(net), "--quiet"])
+    assert result.exit_code == 0, result.output
+    assert net.read_bytes().startswith(b"\x89PNG")

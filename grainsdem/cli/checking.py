@@ -91,6 +91,10 @@ def measure(
             help="Size of a grain in --distribution: its equal-volume diameter, or the square hole it passes."
         ),
     ] = "volume",
+    net: Annotated[
+        Path | None, typer.Option(help="Also draw where the grains' axes point: Schmidt's net and a rose (.png).")
+    ] = None,
+    axis: Annotated[Literal["a", "b", "c"], typer.Option(help="Long, middle or short axis, in that picture.")] = "a",
     contacts: Annotated[
         Path | None,
         typer.Option(help="Also write who touches whom: .csv, .parquet, .graphml, or .vtp for ParaView."),
@@ -100,21 +104,23 @@ def measure(
     quiet: Quiet = False,
 ) -> None:
     """Measure a bed: porosity, grain sizes and how they are distributed, sphericity, coordination."""
+    from grainsdem.figures.frame import check_suffix
     from grainsdem.measures.grains.files import check_table
     from grainsdem.measures.graph.edges import check_edges
     from grainsdem.screen import print_distribution
 
-    for path in (table, neighbors):
+    asked = ((check_table, table), (check_table, neighbors), (check_edges, contacts), (check_suffix, net))
+    for check, path in asked:
         if path is not None:
-            check_table(path)
-    if contacts is not None:
-        check_edges(contacts)
+            check(path)
     packing = load(bed)
     # While a bed knows its cells its porosity is known in closed form.
     steps = ["contacts", *(["shapes"] if packing.links is None else []), *(["walls"] if walls else [])]
     prepare(*steps, quiet=quiet)
     graph = grainsdem.contacts(packing, within=within, walls=walls and contacts is not None)
     sizes = {"distribution": grainsdem.size_distribution(packing, diameter=diameter)} if distribution else {}
+    if net is not None:
+        grainsdem.figures.stereonet(packing, net, axis=axis)
     if neighbors is not None:
         grainsdem.write_table(grainsdem.neighbor_table(packing), neighbors)
     if table is not None:

@@ -13,7 +13,7 @@ from grainsdem.measures.distributions.fits import Family
 from grainsdem.model.grading import Diameter
 
 Process = Literal["halton", "poisson", "cluster", "strauss", "strauss_process", "density", "noise", "image", "file"]
-VOID, SIZE, THROATS = "How much void: one of", "Grain size", "Pore throats"
+VOID, SIZE, AXES, THROATS = "How much void: one of", "Grain size", "Long and flat grains", "Pore throats"
 """Groups of options in the help."""
 
 
@@ -186,6 +186,24 @@ def generate(
         Family | None,
         typer.Option(help="Have the curve of this family that fits the sheet best.", rich_help_panel=SIZE),
     ] = None,
+    elongation: Annotated[
+        float | None,
+        typer.Option(help="Mean of b/a, middle over long axis of the grains: long grains.", rich_help_panel=AXES),
+    ] = None,
+    flatness: Annotated[
+        float | None,
+        typer.Option(help="Mean of c/b, short over middle axis: flat grains.", rich_help_panel=AXES),
+    ] = None,
+    trend: Annotated[
+        float | None,
+        typer.Option(help="Direction of the long axes [rad], counter-clockwise from +x.", rich_help_panel=AXES),
+    ] = None,
+    dip: Annotated[
+        float | None,
+        typer.Option(
+            help="Imbrication: angle [rad] by which flat sides are turned up along the trend.", rich_help_panel=AXES
+        ),
+    ] = None,
     throats: Annotated[
         float | None,
         typer.Option(
@@ -220,6 +238,7 @@ def generate(
     }
     if not any(value is not None for value in voids.values()):
         voids["scale"] = 1.0
+    axes = {"elongation": elongation, "flatness": flatness, "trend": trend, "dip": dip}
     sheet = {"path": None if sieves is None else str(sieves), "diameter": sieve_diameter, "fit": sieve_fit}
     moved = {"fraction": throats, "strength": throat_strength, "axes": throat_axes}
     wanted = recipes.make(
@@ -253,6 +272,7 @@ def generate(
             "throats": _together("--throats", moved),
             "sizes": _sizes(sizes, size_parameter, size_tolerance),
             "sieves": _together("--sieves", sheet),
+            "axes": {name: value for name, value in axes.items() if value is not None} or None,
         },
     )
     prepare("cells", "shapes", "contacts", *(["lloyd"] if relax else []), quiet=quiet)

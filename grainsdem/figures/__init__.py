@@ -6,6 +6,7 @@ from grainsdem.figures.plots import coordination_histogram, energy_plot, size_hi
 from grainsdem.figures.renders import render
 from grainsdem.figures.scene import QUANTITIES
 from grainsdem.figures.seen import phase_figure, planform_figure, section_figure
+from grainsdem.figures.stereonets import stereonet
 
 __all__ = [
     "QUANTITIES",
@@ -18,4 +19,5 @@ __all__ = [
     "render",
     "section_figure",
     "size_histogram",
+    "stereonet",
 ]

@@ -14,15 +14,16 @@ from grainsdem.packing.carve import unwarned
 from grainsdem.recipe.grains import shape, size_ratio, sized
 from grainsdem.recipe.seeds import place
 from grainsdem.recipe.words import Monitor, Silent
-from grainsdem.tessellation import relax, tessellate
+from grainsdem.tessellation import relax, shaped_cells, tessellate
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
 
-    from grainsdem.model import Packing
+    from grainsdem.model import Domain, Packing, Tessellation
     from grainsdem.recipe.tables import Recipe
+    from grainsdem.tessellation import Metric
 
 LOG = logging.getLogger(__name__)
 
@@ -77,32 +78,50 @@ def _grown(
     domain, grains = recipe.domain.make(), recipe.grains
     with monitor.stage("Placing seeds"):
         seeds = place(recipe.seeds, domain, stream(recipe, SEEDS))
-    if recipe.seeds.relax:
-        with monitor.stage("Relaxing seeds") as tell:
-            total = recipe.seeds.relax
-            seeds = relax(
-                seeds,
-                domain,
-                iterations=total,
-                progress=lambda done: tell(done / total, f"iteration {done} of {total}"),
-            )
-    wanted = None
-    with monitor.stage("Growing grains") as tell:
-        if grains.prescribed is None:
-            cells = tessellate(seeds, domain)
-        else:
-            if not is_pilot:
-                for line in grains.prescribed.assumed():
-                    LOG.warning("%s", line)
-            cells, wanted = sized(
-                grains.prescribed,
+    if grains.prescribed is not None and not is_pilot:
+        for line in grains.prescribed.assumed():
+            LOG.warning("%s", line)
+    growth = _Growth(recipe, seeds, monitor, is_pilot=is_pilot)
+    if grains.axes is None:
+        cells = growth.grow(domain, None)
+    else:
+        cells, _ = shaped_cells(domain, grains.axes.shape(), growth.grow, keep=grains.keep)
+    packing = shape(grains, cells, stream(recipe, _THROATS), wanted=growth.wanted, is_scaled=is_scaled)
+    return packing, growth.wanted
+
+
+class _Growth:
+    """Cells of a recipe's seeds, in its domain or in one of a space that is stretched."""
+
+    def __init__(self, recipe: Recipe, seeds: NDArray[np.float64], monitor: Monitor, *, is_pilot: bool) -> None:
+        self._recipe, self._seeds, self._monitor, self._is_pilot = recipe, seeds, monitor, is_pilot
+        self.wanted: NDArray[np.float64] | None = None
+
+    def grow(self, domain: Domain, metric: Metric | None) -> Tessellation:
+        """Return the cells; ``wanted`` are the diameters [m] asked of them, if any."""
+        recipe, monitor, total = self._recipe, self._monitor, self._recipe.seeds.relax
+        seeds = self._seeds if metric is None else metric.back(self._seeds)
+        if total:
+            with monitor.stage("Relaxing seeds") as tell:
+                seeds = relax(
+                    seeds,
+                    domain,
+                    iterations=total,
+                    progress=lambda done: tell(done / total, f"iteration {done} of {total}"),
+                )
+        with monitor.stage("Growing grains") as tell:
+            if recipe.grains.prescribed is None:
+                return tessellate(seeds, domain)
+            cells, self.wanted = sized(
+                recipe.grains.prescribed,
                 seeds,
                 domain,
                 stream(recipe, _SIZES),
-                keep=None if is_pilot else grains.keep,
+                keep=None if self._is_pilot else recipe.grains.keep,
+                metric=metric,
                 progress=lambda done, off: tell(done / (done + 1), f"round {done}, curve off by {100 * off:.2g} %"),
             )
-        return shape(grains, cells, stream(recipe, _THROATS), wanted=wanted, is_scaled=is_scaled), wanted
+            return cells
 
 
 def _counted(recipe: Recipe, tell: Callable[[float, str], None]) -> tuple[Recipe, int]:

@@ -2,7 +2,19 @@
 
 from grainsdem.tessellation.graded import GradedCells, graded_cells
 from grainsdem.tessellation.lloyd import Relaxation, relax, relaxation
+from grainsdem.tessellation.metric import Metric, Shape, shaped_cells
 from grainsdem.tessellation.sized import sized_cells
 from grainsdem.tessellation.voronoi import tessellate
 
-__all__ = ["GradedCells", "Relaxation", "graded_cells", "relax", "relaxation", "sized_cells", "tessellate"]
+__all__ = [
+    "GradedCells",
+    "Metric",
+    "Relaxation",
+    "Shape",
+    "graded_cells",
+    "relax",
+    "relaxation",
+    "shaped_cells",
+    "sized_cells",
+    "tessellate",
+]

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from grainsdem.model import Polyhedra
+    from grainsdem.tessellation.metric import Metric
 
     Floats = NDArray[np.float64]
 
@@ -74,6 +75,7 @@ def graded_cells(
     tolerance: float = TOLERANCE,
     strict: bool = True,
     relaxations: int = 5,
+    metric: Metric | None = None,
     rng: np.random.Generator | int | None = None,
     progress: Callable[[int, float], None] | None = None,
 ) -> GradedCells:
@@ -97,6 +99,8 @@ def graded_cells(
         Whether to raise where the curve is not had within the tolerance, or to log how near it is.
     relaxations : int
         How many times every seed moves to the centroid of its cell on the way: rounder cells for larger numbers.
+    metric : Metric, optional
+        How the space is stretched that the domain is in, where holes are those of grains that are mapped back.
     rng : numpy.random.Generator, int or None
         Source of randomness, or a seed for one.
     progress : callable, optional
@@ -112,7 +116,7 @@ def graded_cells(
     if not 0 < tolerance < 1:
         raise InputError(f"tolerance must lie between 0 and 1; got {tolerance}")
     generator = np.random.default_rng(rng)
-    wish = _Wish(curve, domain)
+    wish = _Wish(curve, domain, metric)
     count = n if seeds is None else len(np.asarray(seeds))
     if count is None:
         raise InputError("give n, the number of cells, or seeds")
@@ -174,8 +178,8 @@ class _Measured(NamedTuple):
 class _Wish:
     """What is asked for: a grading by mass, or a law by number, in a domain."""
 
-    def __init__(self, curve: Grading | Law, domain: Domain) -> None:
-        self._curve = curve
+    def __init__(self, curve: Grading | Law, domain: Domain, metric: Metric | None) -> None:
+        self._curve, self._metric = curve, metric
         self._is_planar, self._thickness = domain.is_planar, float(domain.lengths[2])
         self._power = 2 if domain.is_planar else 3
 
@@ -216,6 +220,8 @@ class _Wish:
         return float(max(by_number.max(initial=0.0), np.abs(running[place] - wanted).max(initial=0.0)))
 
     def _passed(self, shapes: Polyhedra) -> Floats:
+        if self._metric is not None:
+            shapes = self._metric.stretched_shapes(shapes)
         if self._is_planar:
             return rectangles(shapes.vertices[:, :2], shapes.vertex_offsets)[:, 2]
         return square_holes(shapes)

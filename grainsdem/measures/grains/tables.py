@@ -11,6 +11,7 @@ from grainsdem.geometry.forms.boxes import rectangles
 from grainsdem.geometry.forms.sizes import grain_diameters, grain_sphericities
 from grainsdem.geometry.integrals import face_planes, integrate
 from grainsdem.geometry.rotations import to_matrices, world_vertices
+from grainsdem.measures.grains.directions import principal_axes, trend_and_plunge
 from grainsdem.measures.grains.shapes import box_axes, ellipsoid_axes, krumbein, zingg
 from grainsdem.measures.grains.sizes import percentiles, sieve_diameters
 from grainsdem.measures.porosity import core_box, porosity
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 UNITS = {
     **dict.fromkeys(("x", "y", "z", "diameter", "a", "b", "c", "box_a", "box_b", "box_c", "sieve_diameter"), "m"),
     **dict.fromkeys(("mean_distance", "min_distance", "distance"), "m"),
+    **dict.fromkeys(("a_trend", "a_plunge", "c_trend", "c_plunge"), "rad"),
     "area": "m2",
     "volume": "m3",
     "mass": "kg",
@@ -50,9 +52,11 @@ def table(packing: Packing, *, sieves: bool = True) -> NDArray[np.void]:
     structured ndarray, shape (n,)
         ``id``; centroid ``x``, ``y``, ``z`` [m]; ``volume`` [m³]; ``area`` [m²]; ``diameter`` [m] of the sphere of
         equal volume; Wadell's ``sphericity``; ``n_faces``; ``n_vertices``; ``mass`` [kg]; axes ``a``, ``b``, ``c`` [m]
-        of the ellipsoid of equal inertia (`ellipsoid_axes`) and ``box_a``, ``box_b``, ``box_c`` [m] of the smallest box
-        on a face (`box_axes`); from that box Krumbein's sphericity ``krumbein``, ``elongation`` b/a, ``flatness`` c/b
-        and the class ``zingg``; and ``sieve_diameter`` [m], the smallest square hole (`sieve_diameters`).
+        of the ellipsoid of equal inertia (`ellipsoid_axes`), ``a_trend``, ``a_plunge``, ``c_trend`` and ``c_plunge``
+        [rad], where its long and its short axis point (`trend_and_plunge`); ``box_a``, ``box_b``, ``box_c`` [m] of the
+        smallest box on a face (`box_axes`); from that box Krumbein's sphericity ``krumbein``, ``elongation`` b/a,
+        ``flatness`` c/b and the class ``zingg``; and ``sieve_diameter`` [m], the smallest square hole
+        (`sieve_diameters`).
 
         While a packing knows its cells also ``n_neighbors``, the grains across its faces, and ``mean_distance`` and
         ``min_distance`` [m] from centroid to centroid of those, NaN without any; else these columns are missing.
@@ -171,6 +175,9 @@ def _axes(packing: Packing, measured: Integrals, *, sieves: bool) -> Columns:
         columns = _axes_in_plane(packing, measured)
         return columns if sieves else {name: column for name, column in columns.items() if name != "sieve_diameter"}
     columns = dict(zip("abc", ellipsoid_axes(packing.grains, measured=measured).T, strict=True))
+    axes = principal_axes(packing, measured=measured)
+    for name, row in (("a", 0), ("c", 2)):
+        columns[f"{name}_trend"], columns[f"{name}_plunge"] = trend_and_plunge(axes[:, row])
     box = box_axes(packing.grains)
     a, b, c = box.T
     columns |= {"box_a": a, "box_b": b, "box_c": c}
@@ -187,10 +194,20 @@ def _axes_in_plane(packing: Packing, measured: Integrals) -> Columns:
     # ∫ p_i p_j dV from the inertia tensor, for the two axes of the plane.
     half = 0.5 * np.trace(inertias, axis1=1, axis2=2)
     seconds = half[:, None, None] * np.eye(2) - inertias[:, :2, :2]
-    squares = np.linalg.eigvalsh(seconds)[:, ::-1]
+    squares, vectors = np.linalg.eigh(seconds)
+    squares = squares[:, ::-1]
+    trend, _ = trend_and_plunge(np.column_stack([vectors[:, :, 1], np.zeros(len(packing))]))
     a, b = 4 * np.sqrt(np.maximum(squares, 0.0) / measured.volumes[:, None]).T
     box_a, box_b, least = rectangles(world_vertices(packing)[:, :2], packing.grains.vertex_offsets).T
-    return {"a": a, "b": b, "box_a": box_a, "box_b": box_b, "sieve_diameter": least, "elongation": box_b / box_a}
+    return {
+        "a": a,
+        "b": b,
+        "a_trend": trend,
+        "box_a": box_a,
+        "box_b": box_b,
+        "sieve_diameter": least,
+        "elongation": box_b / box_a,
+    }
 
 
 def _across(

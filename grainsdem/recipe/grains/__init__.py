@@ -2,6 +2,6 @@
 
 from grainsdem.recipe.grains.sieves import SievesTable
 from grainsdem.recipe.grains.sizes import SizesTable, sized
-from grainsdem.recipe.grains.table import GrainsTable, ThroatsTable, shape, size_ratio
+from grainsdem.recipe.grains.table import AxesTable, GrainsTable, ThroatsTable, shape, size_ratio
 
-__all__ = ["GrainsTable", "SievesTable", "SizesTable", "ThroatsTable", "shape", "size_ratio", "sized"]
+__all__ = ["AxesTable", "GrainsTable", "SievesTable", "SizesTable", "ThroatsTable", "shape", "size_ratio", "sized"]

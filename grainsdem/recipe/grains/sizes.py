@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from grainsdem.model import Domain, Tessellation
+    from grainsdem.tessellation.metric import Metric
     from grainsdem.tessellation.sized import Law
 
     Floats = NDArray[np.float64]
@@ -181,6 +182,7 @@ def sized(
     rng: np.random.Generator,
     *,
     keep: Literal["inside", "all"] | None,
+    metric: Metric | None = None,
     progress: Callable[[int, float], None] | None = None,
 ) -> tuple[Tessellation, Floats]:
     """Return cells of the sizes of a table about the given seeds, and the diameters [m] asked for, shape (n,).
@@ -197,6 +199,8 @@ def sized(
         Source of randomness.
     keep : {"inside", "all"}, optional
         Which cells are to have the curve; None where it need not be exact, since only their number is wanted.
+    metric : Metric, optional
+        How the space is stretched that seeds and domain are in.
     progress : callable, optional
         Called with the number of the round, and how far the curve is off.
     """
@@ -214,6 +218,7 @@ def sized(
         tolerance=table.tolerance if isinstance(table, SievesTable) else TOLERANCE,
         strict=isinstance(table, SievesTable) and table.fit is None,
         relaxations=table.relaxations,
+        metric=metric,
         rng=rng,
         progress=progress,
     )

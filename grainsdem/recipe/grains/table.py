@@ -25,6 +25,7 @@ from grainsdem.packing.carve import unwarned
 from grainsdem.recipe.base import Coefficient, Fraction, Positive, Table
 from grainsdem.recipe.grains.sieves import SievesTable
 from grainsdem.recipe.grains.sizes import SizesTable
+from grainsdem.tessellation.metric import FLATTEST, Shape
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -69,6 +70,37 @@ class ThroatsTable(Table):
         return self
 
 
+class AxesTable(Table):
+    """``[grains.axes]``: mean proportions of the grains, and how they lie.
+
+    Parameters
+    ----------
+    elongation, flatness : float, optional
+        Mean of b/a and of c/b, the edges of each grain's smallest box with a side on one of its faces, a >= b >= c; one
+        of them or both. Had within 2 %; grains are as equant as they grow, or less.
+    trend : float
+        Direction [rad] of the long axes in the plane, counter-clockwise from +x.
+    dip : float
+        Imbrication [rad]: by how much the flat sides are turned up about the middle axes, the end of the long axis that
+        points along the trend raised.
+    """
+
+    elongation: Annotated[float, Field(ge=FLATTEST, le=1)] | None = None
+    flatness: Annotated[float, Field(ge=FLATTEST, le=1)] | None = None
+    trend: Annotated[float, Field(allow_inf_nan=False)] = 0.0
+    dip: Annotated[float, Field(allow_inf_nan=False)] = 0.0
+
+    @model_validator(mode="after")
+    def _has_a_ratio(self) -> Self:
+        if self.elongation is None and self.flatness is None:
+            raise ValueError("give elongation, flatness or both")
+        return self
+
+    def shape(self) -> Shape:
+        """Return the proportions asked for."""
+        return Shape(self.elongation, self.flatness, self.trend, self.dip)
+
+
 class GrainsTable(Table):
     """``[grains]``: what the cells become.
 
@@ -94,7 +126,7 @@ class GrainsTable(Table):
         the whole bed is scaled to it, and only the domain's proportions count; without, the count follows.
     density : float
         Density [kg/m³].
-    throats, sizes, sieves : tables, optional
+    throats, sizes, sieves, axes : tables, optional
         See each; sizes or sieves, not both.
     """
 
@@ -113,6 +145,7 @@ class GrainsTable(Table):
     throats: ThroatsTable | None = None
     sizes: SizesTable | None = None
     sieves: SievesTable | None = None
+    axes: AxesTable | None = None
 
     @field_validator("region", mode="before")
     @classmethod
