@@ -1,4 +1,4 @@
-from . import dynamics, figures, points, recipe, survey
+from . import dynamics, figures, points, recipe, shapes, survey
 from .dynamics import (
     Ensemble,
     Outcome,
@@ -236,6 +236,7 @@ __all__ = [
     "section_table",
     "settle",
     "shaped_cells",
+    "shapes",
     "shrink",
     "shuffle",
     "sieve_diameters",

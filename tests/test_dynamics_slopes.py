@@ -8,9 +8,9 @@ from conftest import cube_packing
 
 from grainsdem.dynamics.mechanics import Snapshot
 from grainsdem.dynamics.mechanics.slopes import run_out, surface
+from grainsdem.geometry.selection import select
 from grainsdem.model import Domain
 from grainsdem.packing import carve, shrink
-from grainsdem.packing.carve import select
 from grainsdem.points import poisson
 from grainsdem.tessellation import relax, tessellate
 

@@ -172,7 +172,7 @@ def test_a_periodic_packing_is_refused():
 
 
 def test_an_empty_packing_is_refused(fresh):
-    from grainsdem.packing.carve import select
+    from grainsdem.geometry.selection import select
 
     nothing = select(fresh.grains, [])[0]
     from dataclasses import replace

@@ -9,9 +9,9 @@ import numpy as np
 
 from grainsdem.errors import InputError
 from grainsdem.geometry.bounds import boxes
+from grainsdem.geometry.selection import select
 from grainsdem.measures import core_box
 from grainsdem.model import Domain, Packing
-from grainsdem.packing.carve import select
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray

@@ -13,8 +13,8 @@ from grainsdem.errors import InputError, name_offenders
 from grainsdem.geometry.forms.sizes import sphere_diameters, weighted_percentiles
 from grainsdem.geometry.integrals import face_planes, integrate
 from grainsdem.geometry.rotations import identity_quaternions
+from grainsdem.geometry.selection import select
 from grainsdem.model import DROPPED, QUARTZ_DENSITY, CellLinks, Packing, Polyhedra, Tessellation
-from grainsdem.ragged import take_indices
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -152,18 +152,3 @@ def subset(packing: Packing, rows: ArrayLike) -> Packing:
         frictions=packing.frictions_of(ids),
         links=None,
     )
-
-
-def select(polyhedra: Polyhedra, rows: NDArray[np.int64]) -> tuple[Polyhedra, NDArray[np.int64]]:
-    """Return the chosen polyhedra in their order, and the old number of each face of theirs."""
-    vertices, vertex_offsets = take_indices(polyhedra.vertex_offsets, rows)
-    faces, face_offsets = take_indices(polyhedra.face_offsets, rows)
-    corners, corner_offsets = take_indices(polyhedra.face_vertex_offsets, faces)
-    chosen = Polyhedra(
-        polyhedra.vertices[vertices],
-        vertex_offsets,
-        face_offsets,
-        polyhedra.face_vertices[corners],
-        corner_offsets,
-    )
-    return chosen, faces

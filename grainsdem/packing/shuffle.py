@@ -14,8 +14,8 @@ import numpy as np
 
 from grainsdem.errors import InputError
 from grainsdem.geometry.rotations import multiply, random_quaternions
+from grainsdem.geometry.selection import select
 from grainsdem.model import Domain, Packing
-from grainsdem.packing.carve import select
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -8,9 +8,9 @@ import numpy as np
 
 from grainsdem.geometry.bounds import near_images
 from grainsdem.geometry.integrals import integrate
+from grainsdem.geometry.selection import select
 from grainsdem.geometry.separation import bodies, certify, measure_near, offsets_between
 from grainsdem.model import Check, Packing
-from grainsdem.packing.carve import select
 from grainsdem.validation.intersections import intersection_volumes
 
 if TYPE_CHECKING:

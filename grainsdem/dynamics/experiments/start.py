@@ -12,8 +12,8 @@ from exporters.rest import frictions
 from grainsdem.dynamics.starting import as_spheres
 from grainsdem.errors import InputError
 from grainsdem.geometry.rotations import multiply, random_quaternions
+from grainsdem.geometry.selection import select
 from grainsdem.model import Domain, Packing
-from grainsdem.packing.carve import select
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

@@ -15,7 +15,7 @@ References
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -39,11 +39,31 @@ def boxes_on_faces(polyhedra: Polyhedra) -> Floats:
     ndarray, shape (n, 3)
         NaN where there is no face.
     """
-    edges = np.full((len(polyhedra), 3), np.nan)
-    normals = face_planes(polyhedra).normals
+    return np.asarray(-np.sort(-standing_boxes(polyhedra).edges, axis=1))
+
+
+class Boxes(NamedTuple):
+    """A box for each polyhedron.
+
+    Parameters
+    ----------
+    edges : ndarray, shape (n, 3)
+        Lengths [m], in the order of the axes; NaN where there is no face.
+    axes : ndarray, shape (n, 3, 3)
+        Directions of the edges, one a row: unit vectors at right angles, right-handed or left-handed.
+    """
+
+    edges: Floats
+    axes: Floats
+
+
+def standing_boxes(polyhedra: Polyhedra) -> Boxes:
+    """Return each polyhedron's smallest box with a side on one of its faces, and how it stands."""
     p = polyhedra
-    in_blocks(_boxes, len(p), p.vertices, p.vertex_offsets, p.face_offsets, normals, edges, least=64)
-    return np.asarray(-np.sort(-edges, axis=1))
+    found = Boxes(np.full((len(p), 3), np.nan), np.full((len(p), 3, 3), np.nan))
+    normals = face_planes(p).normals
+    in_blocks(_boxes, len(p), p.vertices, p.vertex_offsets, p.face_offsets, normals, *found, least=64)
+    return found
 
 
 def rectangles(points: Floats, offsets: NDArray[np.int64]) -> Floats:
@@ -99,9 +119,13 @@ def _turn(a, b, c):  # type: ignore[no-untyped-def]
 
 @inner
 def _rectangle(points, hull):  # type: ignore[no-untyped-def]
-    """Return the edges of the smallest rectangle around points, and their least width: both by a side of the hull."""
+    """Return the edges of the smallest rectangle around points, their least width, and the direction of the first edge.
+
+    Both the rectangle and the least width are by a side of the hull.
+    """
     count = _hull(points, hull)
     best, length, width, least = np.inf, 0.0, 0.0, np.inf
+    along_x, along_y = 1.0, 0.0
     for i in range(count):
         k = i + 1 if i + 1 < count else 0
         ux, uy = hull[k, 0] - hull[i, 0], hull[k, 1] - hull[i, 1]
@@ -118,8 +142,9 @@ def _rectangle(points, hull):  # type: ignore[no-untyped-def]
         area = (along_high - along_low) * (across_high - across_low)
         if area < best:
             best, length, width = area, along_high - along_low, across_high - across_low
+            along_x, along_y = ux, uy
         least = min(least, across_high - across_low)
-    return length, width, least
+    return length, width, least, along_x, along_y
 
 
 @njit(cache=True, nogil=True)
@@ -128,11 +153,11 @@ def _rectangles(start, stop, points, offsets, edges):  # type: ignore[no-untyped
         n = offsets[i + 1] - offsets[i]
         if n > 0:
             found = _rectangle(points[offsets[i] : offsets[i + 1]].copy(), np.empty((n + 2, 2)))
-            edges[i, 0], edges[i, 1], edges[i, 2] = found
+            edges[i, 0], edges[i, 1], edges[i, 2] = found[0], found[1], found[2]
 
 
 @njit(cache=True, nogil=True)
-def _boxes(start, stop, vertices, vertex_offsets, face_offsets, normals, edges):  # type: ignore[no-untyped-def]
+def _boxes(start, stop, vertices, vertex_offsets, face_offsets, normals, edges, axes):  # type: ignore[no-untyped-def]
     for i in range(start, stop):
         v0 = vertex_offsets[i]
         n = vertex_offsets[i + 1] - v0
@@ -160,7 +185,10 @@ def _boxes(start, stop, vertices, vertex_offsets, face_offsets, normals, edges):
                 low, high = min(low, height), max(high, height)
                 shadow[k, 0] = ux * x + uy * y + uz * z
                 shadow[k, 1] = wx * x + wy * y + wz * z
-            length, width, _ = _rectangle(shadow, hull)
+            length, width, _, px, py = _rectangle(shadow, hull)
             if length * width * (high - low) < best:
                 best = length * width * (high - low)
                 edges[i, 0], edges[i, 1], edges[i, 2] = length, width, high - low
+                axes[i, 0, 0], axes[i, 0, 1], axes[i, 0, 2] = px * ux + py * wx, px * uy + py * wy, px * uz + py * wz
+                axes[i, 1, 0], axes[i, 1, 1], axes[i, 1, 2] = px * wx - py * ux, px * wy - py * uy, px * wz - py * uz
+                axes[i, 2, 0], axes[i, 2, 1], axes[i, 2, 2] = nx, ny, nz
