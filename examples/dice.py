@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import json
-from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -19,61 +18,14 @@ import grainsdem as gd
 from grainsdem.dynamics.ensembles import half_width
 from grainsdem.figures.curves import Panel, curve_figure
 
-GOLDEN = (1 + 5**0.5) / 2
 SIZE = 1e-2  # m, of the sphere of equal volume
 LOOSE = {"tetrahedron": 0.51, "cube": 0.54, "octahedron": 0.52, "dodecahedron": 0.51, "icosahedron": 0.50}
 DENSE = {"tetrahedron": 0.64, "cube": 0.67, "octahedron": 0.64, "dodecahedron": 0.63, "icosahedron": 0.59}
 
 
-def around(*point: float) -> np.ndarray:
-    """Return a point with all signs and with its coordinates in all three cyclic orders, shape (k, 3)."""
-    signed = [np.multiply(point, signs) for signs in product((1, -1), repeat=3)]
-    return np.unique(np.round([np.roll(p, k) for p in signed for k in range(3)], 12) + 0.0, axis=0)
-
-
-CORNERS = {
-    "tetrahedron": np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]),
-    "cube": around(1, 1, 1),
-    "octahedron": around(1, 0, 0),
-    "dodecahedron": np.vstack([around(1, 1, 1), around(0, 1 / GOLDEN, GOLDEN)]),
-    "icosahedron": around(0, 1, GOLDEN),
-}
-FACES_LOOK = {  # to the corners of the dual solid
-    "tetrahedron": -CORNERS["tetrahedron"],
-    "cube": CORNERS["octahedron"],
-    "octahedron": CORNERS["cube"],
-    "dodecahedron": around(0, GOLDEN, 1),
-    "icosahedron": np.vstack([around(1, 1, 1), around(0, GOLDEN, 1 / GOLDEN)]),
-}
-
-
-def make_die(kind: str) -> gd.Polyhedra:
-    """Return one die whose volume is that of a sphere of the size."""
-    corners, faces = CORNERS[kind], []
-    for out in FACES_LOOK[kind]:
-        heights = corners @ out
-        face = np.flatnonzero(heights > heights.max() - 1e-9)
-        across = corners[face[0]] - corners[face].mean(axis=0)
-        rest = corners[face] - corners[face].mean(axis=0)
-        angles = np.arctan2(rest @ np.cross(out, across) / np.linalg.norm(out), rest @ across)
-        faces.append(face[np.argsort(angles)])
-    ends = np.cumsum([0, *(len(face) for face in faces)])
-    die = gd.Polyhedra(corners, [0, len(corners)], [0, len(faces)], np.concatenate(faces), ends)
-    factor = SIZE * (np.pi / 6 / gd.volumes(die)[0]) ** (1 / 3)
-    return gd.Polyhedra(factor * corners, [0, len(corners)], [0, len(faces)], np.concatenate(faces), ends)
-
-
 def make_dice(kind: str, n: int, across: float) -> gd.Packing:
     """Return dice, all in one place, in a box so many diameters across: they are to be poured."""
-    die = make_die(kind)
-    corners, faces = len(die.vertices), die.n_faces
-    dice = gd.Polyhedra(
-        np.tile(die.vertices, (n, 1)),
-        corners * np.arange(n + 1),
-        faces * np.arange(n + 1),
-        np.tile(die.face_vertices, n),
-        np.append(0, np.cumsum(np.tile(np.diff(die.face_vertex_offsets), n))),
-    )
+    dice = gd.shapes.together(*[gd.shapes.platonic(kind, diameter=SIZE)] * n)
     box = gd.Domain.box(np.full(3, across * SIZE))
     return gd.Packing(dice, np.tile(0.5 * box.upper, (n, 1)), np.tile([1.0, 0, 0, 0], (n, 1)), np.full(n, 1100.0), box)
 
@@ -124,7 +76,7 @@ def main() -> None:
     if arguments.quick:
         kinds, seeds, how = ["tetrahedron", "cube"], range(1), {"n": 40, "across": 4.0, "walls": 1.0, "taps": 1}
     else:
-        kinds, seeds, how = list(CORNERS), range(3), {"n": 300, "across": 8.0, "walls": 1.5, "taps": 10}
+        kinds, seeds, how = list(gd.shapes.PLATONIC), range(3), {"n": 300, "across": 8.0, "walls": 1.5, "taps": 10}
     found = measure_all(kinds, seeds, arguments.output, **how)
     print("solid fraction      poured          published, loose   tapped          published, dense")
     curves = {}

@@ -60,6 +60,7 @@ def stretches(packing: Packing) -> Iterator[tuple[int, Packing]]:
                 packing.densities[first:last],
                 packing.domain,
                 frictions=packing.frictions_of(slice(first, last)),
+                classes=packing.classes_of(slice(first, last)),
             ),
         )
 

@@ -112,6 +112,7 @@ from .packing import (
     subset,
     throat_widths,
 )
+from .shapes import pack
 from .storage import load, load_history, load_motion, load_moved, save
 from .tessellation import (
     GradedCells,
@@ -213,6 +214,7 @@ __all__ = [
     "neighbor_contacts",
     "neighbor_table",
     "orientation_tensor",
+    "pack",
     "percentiles",
     "photograph",
     "planform",

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numba
 import numpy as np
 
+from grainsdem import shapes
 from grainsdem.geometry.bounds import near_images
 from grainsdem.geometry.cells.cutting import cut, polish, start_box
 from grainsdem.geometry.cells.emitting import emit
@@ -198,10 +199,14 @@ def _facets() -> None:
     facets(grains, best_apexes(grains))
 
 
+def _loose() -> None:
+    shapes.pack(_two_cubes().grains, 1.0, n=2, rng=0)
+
+
 TAKEN: dict[str, Callable[[], None]] = {
     "cutting": _cutting, "starting": _starting, "emitting": _emitting, "growing": _growing, "volumes": _volumes,
     "copying": _copying, "cells": _cells, "near": _near, "approaching": _approaching, "touching": _touching,
     "searching": _searching, "contacts": _contacts, "shapes": _shapes, "lloyd": _lloyd, "proof": _proof,
-    "walls": _walls, "facets": _facets,
+    "walls": _walls, "facets": _facets, "loose": _loose,
 }  # fmt: skip
 """What each step does."""

@@ -120,6 +120,7 @@ def gather(packing: Packing, region: Region, reach: float) -> Packing:
         around,
         provenance=packing.provenance,
         frictions=packing.frictions_of(chosen),
+        classes=packing.classes_of(chosen),
     )
 
 

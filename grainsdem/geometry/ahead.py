@@ -62,6 +62,7 @@ STEPS: dict[str, Step] = {
     "proof": Step(1, ("contacts", "shapes")),
     "walls": Step(2, ("contacts",)),
     "facets": Step(1),
+    "loose": Step(5, ("approaching",)),
 }
 """All steps, each behind those that it comes after; `grainsdem.compiling` says how each is taken."""
 

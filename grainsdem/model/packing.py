@@ -102,6 +102,8 @@ class Packing(Noun):
         What made it: one JSON object a step, oldest first.
     frictions : array_like, shape (n,), optional
         Coefficient of friction [1] of each grain, zero or more; without it all have that of the run that they are in.
+    classes : array_like of int32, shape (n,), optional
+        Number of the kind, shape or layer that each grain is of, zero or more: it goes wherever its grain goes.
     """
 
     grains: Polyhedra
@@ -112,6 +114,7 @@ class Packing(Noun):
     links: CellLinks | None = None
     provenance: tuple[str, ...] = ()
     frictions: Floats | None = None
+    classes: Ints | None = None
 
     def __post_init__(self) -> None:
         n = len(self.grains)
@@ -123,6 +126,11 @@ class Packing(Noun):
             bad = np.flatnonzero(~(np.isfinite(own) & (own >= 0)))
             if bad.size:
                 raise ShapeError(f"frictions must be finite and zero or more; not so: {name_offenders(bad)}")
+        if self.classes is not None:
+            numbers = np.asarray(self.classes)
+            if numbers.dtype.kind not in "iu" or (numbers < 0).any():
+                raise ShapeError("classes must be whole numbers, zero or more")
+            self.freeze("classes", np.int32, n)
         object.__setattr__(self, "provenance", tuple(self.provenance))
         if self.links is not None:
             if self.links.neighbors.size != self.grains.n_faces:
@@ -138,6 +146,10 @@ class Packing(Noun):
     def frictions_of(self, rows: NDArray[np.integer[Any]] | slice) -> Floats | None:
         """Return the coefficients of friction of some grains, or None where grains have none of their own."""
         return None if self.frictions is None else self.frictions[rows]
+
+    def classes_of(self, rows: NDArray[np.integer[Any]] | slice) -> Ints | None:
+        """Return the classes of some grains, or None where grains have none."""
+        return None if self.classes is None else self.classes[rows]
 
     def with_step(self, step: str, **options: Any) -> Packing:
         """Return the same packing with one more step in its provenance; options must be JSON values."""

@@ -150,5 +150,6 @@ def subset(packing: Packing, rows: ArrayLike) -> Packing:
         quaternions=packing.quaternions[ids],
         densities=packing.densities[ids],
         frictions=packing.frictions_of(ids),
+        classes=packing.classes_of(ids),
         links=None,
     )

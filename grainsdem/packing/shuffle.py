@@ -93,6 +93,7 @@ def shuffle(
         quaternions=turned / np.linalg.norm(turned, axis=1, keepdims=True),
         densities=packing.densities[order],
         frictions=packing.frictions_of(order),
+        classes=packing.classes_of(order),
         domain=Domain(domain.lower, upper, is_planar=domain.is_planar, planes=domain.planes),
         links=None,
     ).with_step("shuffle", clearance=clearance, vacancies=vacancies)

@@ -1,6 +1,7 @@
 """Grains that do not come from cells: named solids, random rocks, scans."""
 
 from grainsdem.shapes.ellipsoids import ellipsoid, superellipsoid
+from grainsdem.shapes.pouring import pack
 from grainsdem.shapes.rocks import rock
 from grainsdem.shapes.scans import Scans, read
 from grainsdem.shapes.sizing import sized, together
@@ -11,6 +12,7 @@ __all__ = [
     "Scans",
     "box",
     "ellipsoid",
+    "pack",
     "platonic",
     "prism",
     "read",

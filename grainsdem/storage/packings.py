@@ -108,6 +108,8 @@ def _arrays(packing: Packing) -> dict[str, NDArray[Any]]:
     }
     if packing.frictions is not None:
         result["frictions"] = packing.frictions
+    if packing.classes is not None:
+        result["classes"] = packing.classes
     if links is not None:
         known = {name: getattr(links, name) for name in _LINKS}
         result |= {f"links/{name}": array for name, array in known.items() if array is not None}
@@ -135,6 +137,7 @@ def read_packing(file: h5py.Group) -> Packing:
         tuple(json.loads(to_text(file.attrs["provenance"]))),
         # Most packings have none, and files of before never have.
         read_dataset(file, "frictions") if "frictions" in file else None,
+        read_dataset(file, "classes") if "classes" in file else None,
     )
 
 

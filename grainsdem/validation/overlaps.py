@@ -100,6 +100,7 @@ def take(packing: Packing, rows: NDArray[np.int64]) -> Packing:
         packing.densities[rows],
         packing.domain,
         frictions=packing.frictions_of(rows),
+        classes=packing.classes_of(rows),
     )
 
 

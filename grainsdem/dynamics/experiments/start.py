@@ -129,6 +129,7 @@ def set_apart(packing: Packing, places: Floats, domain: Domain, *, rng: Seed, n_
         quaternions=turned / np.linalg.norm(turned, axis=1, keepdims=True),
         densities=packing.densities[order],
         frictions=packing.frictions_of(order),
+        classes=packing.classes_of(order),
         domain=domain,
         links=None,
     ).with_step("set_apart")

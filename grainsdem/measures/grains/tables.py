@@ -59,7 +59,8 @@ def table(packing: Packing, *, sieves: bool = True) -> NDArray[np.void]:
         (`sieve_diameters`).
 
         While a packing knows its cells also ``n_neighbors``, the grains across its faces, and ``mean_distance`` and
-        ``min_distance`` [m] from centroid to centroid of those, NaN without any; else these columns are missing.
+        ``min_distance`` [m] from centroid to centroid of those, NaN without any; and ``class`` where grains have
+        classes. Else these columns are missing.
 
         In a planar bed ``diameter`` is that of the circle of equal area, ``sphericity`` that circle's perimeter over
         the grain's own, the axes a and b are those in the plane, what needs a third is missing, and ``sieve_diameter``
@@ -82,6 +83,8 @@ def table(packing: Packing, *, sieves: bool = True) -> NDArray[np.void]:
     columns["n_vertices"] = np.diff(packing.grains.vertex_offsets).astype(np.int32)
     columns["mass"] = packing.densities * measured.volumes
     columns |= _axes(packing, measured, sieves=sieves)
+    if packing.classes is not None:
+        columns["class"] = packing.classes
     if packing.links is not None:
         columns |= _neighborhood(packing, packing.links)
     return _joined(columns)
