@@ -25,7 +25,7 @@ from grainsdem.screen import print_settling
 
 pytestmark = pytest.mark.unit
 
-COMMANDS = ["demo", "run", "generate", "validate", "measure", "export", "settle", "heal", "render", "info"]
+COMMANDS = ["demo", "run", "generate", "pack", "validate", "measure", "export", "settle", "heal", "render", "info"]
 COMMANDS += ["compact", "tap", "voxels", "phases", "section", "planform"]
 
 

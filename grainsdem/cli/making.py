@@ -270,7 +270,7 @@ def generate(
             "median_diameter": median_diameter,
             "density": density,
             "throats": _together("--throats", moved),
-            "sizes": _sizes(sizes, size_parameter, size_tolerance),
+            "sizes": size_table(sizes, size_parameter, size_tolerance),
             "sieves": _together("--sieves", sheet),
             "axes": {name: value for name, value in axes.items() if value is not None} or None,
         },
@@ -300,7 +300,7 @@ def _together(leader: str, values: dict[str, Any]) -> dict[str, Any] | None:
     return given or None
 
 
-def _sizes(sizes: str | None, parameters: list[str] | None, tolerance: float | None) -> dict[str, Any] | None:
+def size_table(sizes: str | None, parameters: list[str] | None, tolerance: float | None) -> dict[str, Any] | None:
     """Return the table of prescribed sizes: a file has a suffix, a law has none."""
     source = None if sizes is None else {"path" if Path(sizes).suffix else "law": sizes}
     rest = {"source": source, "parameters": keyed(parameters or []) or None, "tolerance": tolerance}

@@ -11,9 +11,9 @@ import numpy as np
 
 from grainsdem.errors import InputError
 from grainsdem.packing.carve import unwarned
-from grainsdem.recipe.grains import shape, size_ratio, sized
+from grainsdem.recipe.grains import laid_out, shape, size_ratio, sized
 from grainsdem.recipe.seeds import place
-from grainsdem.recipe.words import Monitor, Silent
+from grainsdem.recipe.words import Monitor, Silent, counting_words
 from grainsdem.tessellation import relax, shaped_cells, tessellate
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ _CLOSE = 5e-4
 
 
 def grow(recipe: Recipe, monitor: Monitor | None = None) -> Packing:
-    """Return the bed that a recipe's seeds and grains tables describe.
+    """Return the bed that a recipe's seeds and grains tables describe, or its shapes laid out loose.
 
     Raises
     ------
@@ -52,7 +52,13 @@ def grow(recipe: Recipe, monitor: Monitor | None = None) -> Packing:
     is_scaled = not recipe.is_metric
     # The recipe comes first: it is what the other steps follow from.
     first = [json.dumps({"step": "recipe", **recipe.model_dump(mode="json")}, sort_keys=True)]
-    sizes = recipe.grains.sizes
+    sizes, shapes = recipe.grains.sizes, recipe.grains.shapes
+    if shapes is not None:
+        domain = recipe.domain.make() if recipe.domain.is_measured else None
+        rng, density = stream(recipe, _SHAPES), recipe.grains.density
+        with monitor.stage("Laying out grains") as tell:
+            packing = laid_out(shapes, sizes, density, domain, rng=rng, progress=counting_words(tell, "grains"))
+        return replace(packing, provenance=(*first, *packing.provenance))
     if recipe.seeds.wants_count and recipe.seeds.count is None and sizes is not None and sizes.is_list:
         recipe = _with_count(recipe, len(sizes.listed()))
     if recipe.is_count_open:
@@ -68,7 +74,7 @@ def stream(recipe: Recipe, stage: int) -> np.random.Generator:
     return np.random.default_rng([recipe.rng, stage])
 
 
-SEEDS, _THROATS, _SIZES = 0, 2, 3  # stage 1 is pouring
+SEEDS, _THROATS, _SIZES, _SHAPES = 0, 2, 3, 5  # stage 1 is pouring
 
 
 def _grown(

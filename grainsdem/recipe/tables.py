@@ -112,6 +112,8 @@ class Recipe(Table):
         """Leave out what the recipe does not ask of a bed: what it is made of is told, and hashed, without."""
         told: dict[str, Any] = dump(self)
         undone = {*experiment_tables(), *VIEWS}
+        if self.grains.shapes is not None:
+            del told["seeds"]
         return {key: value for key, value in told.items() if value is not None or key not in undone}
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -126,9 +128,22 @@ class Recipe(Table):
         """Return the tables of voxels, sections and planforms by their names."""
         return {name: getattr(self, name) for name in VIEWS}
 
+    @model_validator(mode="before")
+    @classmethod
+    def _seeds_or_shapes(cls, tables: Any) -> Any:
+        """Grains of shapes grow from no seeds, all others do."""
+        grains = tables.get("grains") if isinstance(tables, dict) else None
+        if not isinstance(grains, dict) or grains.get("shapes") is None:
+            return tables
+        if "seeds" in tables:
+            raise ValueError("grains of shapes grow from no seeds: leave out seeds, or grains.shapes")
+        return {**tables, "seeds": {}}
+
     @model_validator(mode="after")
     def _two_of_three(self) -> Self:
         """Of the domain in metres, the number of seeds and the grains' size, any two give the third."""
+        if self.grains.shapes is not None:
+            return self
         sizes, count = self.grains.prescribed, self.seeds.count
         has_count = count is not None or not self.seeds.wants_count or (sizes is not None and sizes.is_list)
         if self.domain.side is not None and has_count and self.grains.has_size:
@@ -167,6 +182,8 @@ class Recipe(Table):
         """Whether the bed as grown differs from one rng to another."""
         sizes, throats = self.grains.prescribed, self.grains.throats
         is_moved = throats is not None and throats.fraction > 0 and throats.strength > 0
+        if self.grains.shapes is not None:
+            return True
         return self.seeds.has_chance or is_moved or (sizes is not None and not sizes.is_list)
 
     def told_of_copies(self) -> str:
@@ -180,12 +197,14 @@ class Recipe(Table):
     def is_count_open(self) -> bool:
         """Whether the number of seeds follows from the grains' size and the domain's."""
         sizes = self.grains.prescribed
+        if self.grains.shapes is not None:
+            return False
         return self.seeds.wants_count and self.seeds.count is None and not (sizes is not None and sizes.is_list)
 
     @property
     def is_metric(self) -> bool:
         """Whether the domain's lengths are metres; else the bed is scaled to the size of its grains."""
-        return self.is_count_open or not self.grains.has_size
+        return self.is_count_open or not self.grains.has_size or self.grains.shapes is not None
 
 
 @lru_cache(maxsize=1)
@@ -227,6 +246,9 @@ def read(path: str | os.PathLike[str]) -> Recipe:
         if table is not None and table.path is not None:
             table = table.model_copy(update={"path": str(path.parent / table.path)})
             recipe = recipe.model_copy(update={"grains": recipe.grains.model_copy(update={name: table})})
+    if recipe.grains.shapes is not None:
+        shapes = recipe.grains.shapes.beside(path.parent)
+        recipe = recipe.model_copy(update={"grains": recipe.grains.model_copy(update={"shapes": shapes})})
     return recipe
 
 

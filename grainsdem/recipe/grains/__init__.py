@@ -1,7 +1,19 @@
 """``[grains]``: what the cells become, and the sizes that they are to have."""
 
+from grainsdem.recipe.grains.shapes import ShapesTable, laid_out
 from grainsdem.recipe.grains.sieves import SievesTable
 from grainsdem.recipe.grains.sizes import SizesTable, sized
 from grainsdem.recipe.grains.table import AxesTable, GrainsTable, ThroatsTable, shape, size_ratio
 
-__all__ = ["AxesTable", "GrainsTable", "SievesTable", "SizesTable", "ThroatsTable", "shape", "size_ratio", "sized"]
+__all__ = [
+    "AxesTable",
+    "GrainsTable",
+    "ShapesTable",
+    "SievesTable",
+    "SizesTable",
+    "ThroatsTable",
+    "laid_out",
+    "shape",
+    "size_ratio",
+    "sized",
+]

@@ -23,6 +23,7 @@ from grainsdem.packing import (
 )
 from grainsdem.packing.carve import unwarned
 from grainsdem.recipe.base import Coefficient, Fraction, Positive, Table
+from grainsdem.recipe.grains.shapes import ShapesTable
 from grainsdem.recipe.grains.sieves import SievesTable
 from grainsdem.recipe.grains.sizes import SizesTable
 from grainsdem.tessellation.metric import FLATTEST, Shape
@@ -126,8 +127,8 @@ class GrainsTable(Table):
         the whole bed is scaled to it, and only the domain's proportions count; without, the count follows.
     density : float
         Density [kg/m³].
-    throats, sizes, sieves, axes : tables, optional
-        See each; sizes or sieves, not both.
+    throats, sizes, sieves, axes, shapes : tables, optional
+        See each; sizes or sieves, not both. With shapes the other keys have no use, but for the density.
     """
 
     keep: Literal["inside", "all"] = "inside"
@@ -146,6 +147,7 @@ class GrainsTable(Table):
     sizes: SizesTable | None = None
     sieves: SievesTable | None = None
     axes: AxesTable | None = None
+    shapes: ShapesTable | None = None
 
     @field_validator("region", mode="before")
     @classmethod
@@ -157,6 +159,8 @@ class GrainsTable(Table):
 
     @model_validator(mode="after")
     def _one_void(self) -> Self:
+        if self.shapes is not None:
+            return self._without_cells(self.shapes)
         given = [name for name in VOIDS if getattr(self, name) is not None]
         if len(given) != 1:
             shown = ", ".join(f"{name} = {getattr(self, name)}" for name in given)
@@ -187,6 +191,18 @@ class GrainsTable(Table):
             raise ValueError(f"sieves say how large grains are: leave out {self.diameter[0]}")
         if self.throats is not None and self._is_full:
             raise ValueError("grains that fill their cells have no room to move: leave out throats, or give more void")
+        return self
+
+    def _without_cells(self, shapes: ShapesTable) -> Self:
+        """Refuse what is done to cells beside grains that come from none."""
+        idle = [
+            name
+            for name in (*VOIDS, "mean_diameter", "median_diameter", "throats", "keep", "about", "region")
+            if getattr(self, name) != type(self).model_fields[name].default
+        ]
+        if idle:
+            raise ValueError(f"grains of shapes come from no cells: leave out {', '.join(idle)}")
+        shapes.refuse_without_sizes(self.sizes)
         return self
 
     @property
