@@ -182,7 +182,7 @@ def test_the_count_of_a_list_is_the_only_one(tmp_path):
         ({"grains": {"gap": 1e-5, "about": "seed"}}, "grains: a gap moves faces"),
         ({"grains": {"scale": 0.9, "region": "domain"}}, "grains: region says what a porosity is of"),
         ({"grains": {"gap": 1e-5, "region": "domain"}}, "grains: region says what a porosity is of"),
-        ({"grains": {"relation": "cho"}}, "one of cho_2006_max, cho_2006_min; got 'cho'"),
+        ({"grains": {"relation": "cho"}}, "one of cho_2006_max, cho_2006_min, terzaghi_1996; got 'cho'"),
         ({"grains": {"scale": 0.9, "mean_diameter": 1, "median_diameter": 2}}, "mean_diameter or median_diameter"),
         ({"grains": {"void_ratio": -1}}, "grains.void_ratio: .*greater than or equal to 0; got -1"),
         ({"grains": {"solid_fraction": 0}}, "grains.solid_fraction: .*greater than 0; got 0"),

@@ -35,6 +35,9 @@ if TYPE_CHECKING:
 
 Corner = tuple[float, float, float]
 
+_OF_CELLS = ("sieves", "axes")
+"""Tables that say what cells become."""
+
 VOIDS = ("porosity", "solid_fraction", "void_ratio", "scale", "gap", "relation")
 """Keys that say how much void there is: one of them is given."""
 
@@ -197,7 +200,7 @@ class GrainsTable(Table):
         """Refuse what is done to cells beside grains that come from none."""
         idle = [
             name
-            for name in (*VOIDS, "mean_diameter", "median_diameter", "throats", "keep", "about", "region")
+            for name in (*VOIDS, "mean_diameter", "median_diameter", "throats", "keep", "about", "region", *_OF_CELLS)
             if getattr(self, name) != type(self).model_fields[name].default
         ]
         if idle:
