@@ -113,7 +113,7 @@ from .packing import (
     throat_widths,
 )
 from .shapes import pack
-from .storage import load, load_history, load_motion, load_moved, save
+from .storage import load, load_history, load_motion, load_moved, load_surroundings, save
 from .tessellation import (
     GradedCells,
     Metric,
@@ -208,6 +208,7 @@ __all__ = [
     "load_history",
     "load_motion",
     "load_moved",
+    "load_surroundings",
     "masses",
     "mean_coordination",
     "mean_widths",

@@ -8,6 +8,7 @@ import pytest
 from grainsdem.model import Domain
 from grainsdem.packing import carve, shrink
 from grainsdem.points import poisson
+from grainsdem.storage import load_surroundings
 from grainsdem.tessellation import relax, tessellate
 
 
@@ -67,6 +68,9 @@ def check_that_it_goes_on(experiment, packing, folder, *, samples, **options):
     assert len(heard) == samples < len(whole.history["time"])
     for name, series in whole.history.items():
         np.testing.assert_array_equal(parts.history[name], series)
+    around, again = (load_surroundings(folder / f"{name}.h5") for name in ("whole", "parts"))
+    for name in ("vertices", "positions", "quaternions", "gravity"):
+        assert getattr(around, name).tobytes() == getattr(again, name).tobytes()
     assert parts.packing.positions.tobytes() == whole.packing.positions.tobytes()
     assert parts.report.to_dict() == whole.report.to_dict()
     return whole

@@ -284,7 +284,9 @@ def test_what_cannot_be_drawn_is_refused(fresh, tmp_path):
         size_histogram(nothing(), path)
     with pytest.raises(InputError, match="no grains"):
         coordination_histogram(graph(0, np.empty((0, 2))), path)
-    with pytest.raises(InputError, match="color_by must be diameter, sphericity, height, id or one value"):
+    with pytest.raises(
+        InputError, match="color_by must be diameter, sphericity, height, id, layers, columns, halves or one value"
+    ):
         render(fresh, path, color_by="mood")
     with pytest.raises(InputError, match="one finite value a grain"):
         render(fresh, path, color_by=[1.0, 2.0])

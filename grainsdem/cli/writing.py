@@ -9,7 +9,17 @@ import typer
 
 import grainsdem
 from grainsdem.cli.options import Bed, Force, Json, Quiet, app, guarded, keyed, load, out, print_json, show_files
-from grainsdem.errors import FileFormatError, InputError, RefusedError, WriteError
+from grainsdem.errors import InputError, RefusedError, WriteError
+from grainsdem.looks import QUANTITIES, View
+
+ColorBy = Annotated[
+    str,
+    typer.Option(help=f"What colours the grains: {', '.join(QUANTITIES)}; at the start of a run."),
+]
+FromWhere = Annotated[
+    View | None,
+    typer.Option(help="From where one looks: over a corner by default, in planar work from the front."),
+]
 
 
 @app.command()
@@ -96,11 +106,12 @@ def permeability(
 def render(
     bed: Bed,
     picture: Annotated[Path, typer.Argument(help="The picture to write (.png).", show_default=False)],
-    color_by: Annotated[str, typer.Option(help="What colours the grains.")] = "diameter",
+    color_by: ColorBy = "diameter",
+    view: FromWhere = None,
     quiet: Quiet = False,
 ) -> None:
     r"""Draw a bed (needs PyVista: pip install "grainsdem\[viz]")."""
-    path = grainsdem.figures.render(load(bed), picture, color_by=color_by)
+    path = grainsdem.figures.render(load(bed), picture, color_by=color_by, view=view)
     if not quiet:
         out.print(f"wrote {path}", highlight=False)
 
@@ -116,30 +127,23 @@ def replay(
             help="What to write: .gif, .webp, .mp4 (needs ffmpeg), .pvd (ParaView), .usdc or .usda.", show_default=False
         ),
     ],
-    color_by: Annotated[str, typer.Option(help="What colours the grains of an animation.")] = "id",
+    color_by: ColorBy = "id",
+    view: FromWhere = None,
     seconds: Annotated[float, typer.Option(help="How long an animation lasts.")] = 5.0,
+    pictures: Annotated[
+        int | None, typer.Option(help="How many pictures it has; by default twenty a second.", min=2)
+    ] = None,
+    since: Annotated[float | None, typer.Option(help="Begin with this time of the run [s].")] = None,
+    until: Annotated[float | None, typer.Option(help="End with this time of the run [s].")] = None,
+    size: Annotated[tuple[int, int], typer.Option(help="Width and height of an animation [pixels].")] = (640, 480),
+    outline: Annotated[bool, typer.Option(help="Draw the outline of the container.")] = True,
     force: Force = False,
     json_: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Show how grains moved in a run: an animation, a time series for ParaView, or USD with time samples."""
-    import exporters
-    from grainsdem.figures.motion.animations import SUFFIXES
-
-    suffix = output.suffix.lower()
-    if suffix not in (*SUFFIXES, *exporters.replays.SUFFIXES):
-        allowed = ", ".join((*SUFFIXES, *exporters.replays.SUFFIXES))
-        raise FileFormatError(f"{output}: motion is written as {allowed}; got {suffix or 'no suffix'!r}")
-    packing, motion = grainsdem.load_moved(history, load(bed)), grainsdem.load_motion(history)
-    times, positions, quaternions = (motion[key] for key in ("times", "positions", "quaternions"))
-    if suffix in SUFFIXES:
-        drawn = grainsdem.figures.animate(
-            packing, output, times=times, positions=positions, quaternions=quaternions, color_by=color_by,
-            seconds=seconds,
-        )  # fmt: skip
-        files = [drawn]
-    else:
-        files = exporters.replay(
-            packing, output, times=times, positions=positions, quaternions=quaternions, overwrite=force
-        )
+    files = grainsdem.figures.replay(
+        history, load(bed), output, overwrite=force, color_by=color_by, view=view, seconds=seconds,
+        n_pictures=pictures, since=since, until=until, size=size, outline=outline,
+    )  # fmt: skip
     show_files(files, json_=json_, quiet=quiet)

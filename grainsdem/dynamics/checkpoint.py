@@ -11,7 +11,7 @@ import numpy as np
 
 from grainsdem.atomic import replacing
 from grainsdem.errors import FileFormatError, InputError
-from grainsdem.storage import HistoryWriter, load_history
+from grainsdem.storage import HistoryWriter, load_history, load_surroundings
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from grainsdem.model import Packing
+    from grainsdem.model import Packing, Surroundings
 
     Floats = NDArray[np.float64]
 
-VERSION = 2
+VERSION = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,6 +103,7 @@ def open_history(
     rows: list[dict[str, float]],
     n_frames: int,
     grains: Packing | None = None,
+    around: Surroundings | None = None,
 ) -> HistoryWriter:
     """Open a history anew, with the rows and frames that an interrupted run had written by its checkpoint."""
     # What was written is kept beside the new file until that holds it: a resumed run may be killed, too.
@@ -110,12 +111,14 @@ def open_history(
     if n_frames and not old.exists():
         path.replace(old)
     kept = load_history(old) if n_frames else {}
-    writer = HistoryWriter(path, columns, n_grains=n_grains, grains=grains, attributes=attributes)
+    before = load_surroundings(old) if n_frames else None
+    writer = HistoryWriter(path, columns, n_grains=n_grains, grains=grains, around=around, attributes=attributes)
     for row in rows:
         writer.append(**row)
     for k in range(n_frames):
         pose = {"positions": kept["positions"][k], "quaternions": kept["quaternions"][k]}
-        writer.append_frame(kept["frame_times"][k], **pose)
+        places = None if before is None else (before.positions[k], before.quaternions[k], before.gravity[k])
+        writer.append_frame(kept["frame_times"][k], **pose, around=places)
     writer.flush()
     old.unlink(missing_ok=True)
     return writer

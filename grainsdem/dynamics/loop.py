@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from grainsdem.dynamics.around import bodies_of, places_of
 from grainsdem.dynamics.checkpoint import (
     Checkpoint,
     checkpoint_path,
@@ -115,6 +116,7 @@ class Loop:
         self.n_frames = 0
         self.samples: list[Any] = []
         self._writer: HistoryWriter | None = None
+        self._bodies: tuple[str, ...] = ()
 
     def prepare(self) -> None:
         """Act on the scene before the steps of each sample; it may depend on nothing but the state and the memory."""
@@ -205,6 +207,8 @@ class Loop:
             "provenance": list(self.scene.source.provenance),
         }
         rows = [self.in_si(row)._asdict() for row in self.samples[1:]]
+        around = bodies_of(self.scene)
+        self._bodies = around.names
         self._writer = stack.enter_context(
             open_history(
                 path,
@@ -214,6 +218,7 @@ class Loop:
                 rows=rows,
                 n_frames=self.n_frames,
                 grains=self.scene.source if self.comes_and_goes else None,
+                around=around,
             )
         )
         if not self.n_frames:
@@ -259,10 +264,11 @@ class Loop:
         self.keep(now)
 
     def _append_frame(self) -> None:
-        """Write where the grains are now."""
+        """Write where the grains are now, and what is around them."""
         if self._writer is not None:
             positions, quaternions = self.scene.frame()
-            self._writer.append_frame(self.time_in_si(), positions=positions, quaternions=quaternions)
+            around = places_of(self.scene, self._bodies)
+            self._writer.append_frame(self.time_in_si(), positions=positions, quaternions=quaternions, around=around)
             self.n_frames += 1
 
     def _save(self, state: NDArray[np.float64], memory: dict[str, Any]) -> None:

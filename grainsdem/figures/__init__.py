@@ -1,12 +1,12 @@
 """Pictures: renders, sections and planforms of packings, curves of sizes, contacts and energy. All PNG, no window."""
 
 from grainsdem.figures.gradings import grading_figure
-from grainsdem.figures.motion import animate
+from grainsdem.figures.motion import animate, replay
 from grainsdem.figures.plots import coordination_histogram, energy_plot, size_histogram
 from grainsdem.figures.renders import render
-from grainsdem.figures.scene import QUANTITIES
 from grainsdem.figures.seen import phase_figure, planform_figure, section_figure
 from grainsdem.figures.stereonets import stereonet
+from grainsdem.looks import QUANTITIES
 
 __all__ = [
     "QUANTITIES",
@@ -17,6 +17,7 @@ __all__ = [
     "phase_figure",
     "planform_figure",
     "render",
+    "replay",
     "section_figure",
     "size_histogram",
     "stereonet",

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from grainsdem.figures.frame import GREY, INK
-from grainsdem.figures.scene import AMBIENT, DIFFUSE, EYE, LIGHTS
+from grainsdem.figures.scene import AMBIENT, DIFFUSE, EYES, LIGHTS
 from grainsdem.geometry.rotations import world_vertices
 from grainsdem.measures import diameters
 
@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 MARGIN = 0.95
 """How much of a picture the container may fill, from its middle to its borders."""
 
+GLASS = 0.25
+"""How much a body around the grains hides of what is behind it."""
+
 
 def draw(scene: Scene, path: Path, size: tuple[int, int], *, fine: bool = True) -> None:
     """Draw a scene into a PNG file of a size in pixels; ``fine`` with shade in the gaps and smooth edges."""
@@ -30,14 +33,21 @@ def draw(scene: Scene, path: Path, size: tuple[int, int], *, fine: bool = True) 
     try:
         if len(scene.packing):
             _add_grains(pv, plotter, scene)
-        bounds = np.stack([scene.lower, scene.upper], axis=1).ravel()
-        plotter.add_mesh(pv.Box(bounds).extract_feature_edges(), color=GREY, line_width=1.5, lighting=False)
+        if scene.outline is not None:
+            outline = pv.Box(np.stack(scene.outline, axis=1).ravel()).extract_feature_edges()
+            plotter.add_mesh(outline, color=GREY, line_width=1.5, lighting=False)
+        _add_bodies(pv, plotter, scene)
         _light(pv, plotter, scene, fine=fine)
-        plotter.camera_position = [EYE, (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)]
+        middle = 0.5 * (scene.lower + scene.upper)
+        [eye] = scene.directions([EYES[scene.view]])
+        plotter.camera_position = [middle + eye, middle, scene.upright]
         plotter.camera.view_angle = 22.0
-        plotter.reset_camera()
+        plotter.reset_camera(bounds=np.stack([scene.lower, scene.upper], axis=1).ravel())
+        if scene.is_flat:
+            plotter.enable_parallel_projection()
         # Right of the container there is room for the scale.
         _fit(plotter, scene, right=MARGIN if scene.label is None else 0.70)
+        plotter.reset_camera_clipping_range()  # bodies may reach out of the picture
         plotter.screenshot(str(path))
     finally:
         plotter.close()
@@ -86,6 +96,15 @@ def _add_grains(pv: Any, plotter: Any, scene: Scene) -> None:
     )
 
 
+def _add_bodies(pv: Any, plotter: Any, scene: Scene) -> None:
+    """Add what is around the grains, as glass with edges: nothing behind it is hidden."""
+    for corners, triangles in scene.bodies:
+        mesh = pv.PolyData(corners, faces=np.insert(triangles, 0, 3, axis=1).ravel())
+        plotter.add_mesh(mesh, color=GREY, opacity=GLASS, lighting=False)
+        # Between triangles of one face and along what is round there is no edge.
+        plotter.add_mesh(mesh.extract_feature_edges(30.0), color=INK, line_width=1.5, lighting=False)
+
+
 def _light(pv: Any, plotter: Any, scene: Scene, *, fine: bool) -> None:
     plotter.set_background("white")
     if fine:
@@ -93,7 +112,7 @@ def _light(pv: Any, plotter: Any, scene: Scene, *, fine: bool) -> None:
         d = float(diameters(scene.packing.grains).mean())
         plotter.enable_ssao(radius=0.7 * d, bias=0.02 * d, kernel_size=64, blur=True)
         plotter.enable_anti_aliasing("ssaa")
-    for position, strength in LIGHTS:
+    for position, (_, strength) in zip(scene.directions([way for way, _ in LIGHTS]), LIGHTS, strict=True):
         plotter.add_light(pv.Light(position=position, focal_point=(0, 0, 0), intensity=strength))
 
 
@@ -106,8 +125,15 @@ def _fit(plotter: Any, scene: Scene, *, right: float) -> None:
     corners = np.array([[*corner, 1.0] for corner in product(*zip(scene.lower, scene.upper, strict=True))]) @ rows.T
     seen = corners[:, :2] / corners[:, 3:]
     low, high = seen.min(axis=0), seen.max(axis=0)
+    if scene.is_turning:  # whatever its turn, it is within a circle about the middle
+        circle = np.hypot(*(seen * [width / height, 1.0]).T).max()
+        high = np.array([circle * height / width, circle])
+        low = -high
     room = np.array([right + MARGIN, 2 * MARGIN])
     zoom = float((room / (high - low)).min())
-    camera.view_angle = 2 * np.degrees(np.arctan(np.tan(np.radians(camera.view_angle) / 2) / zoom))
+    if scene.is_flat:
+        camera.parallel_scale /= zoom
+    else:
+        camera.view_angle = 2 * np.degrees(np.arctan(np.tan(np.radians(camera.view_angle) / 2) / zoom))
     middle = zoom * (low + high) / 2 - [(right - MARGIN) / 2, 0.0]
     camera.SetWindowCenter(*middle)

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from grainsdem.figures.scene import Scene
+    from grainsdem.looks import View
     from grainsdem.model import Packing
 
 logger = logging.getLogger(__name__)
@@ -33,6 +34,7 @@ def render(
     *,
     color_by: str | ArrayLike = "diameter",
     size: tuple[int, int] = (1200, 900),
+    view: View | None = None,
 ) -> Path:
     """Draw the grains in three dimensions, with the container's outline.
 
@@ -42,10 +44,14 @@ def render(
         At least one grain.
     path : str or path-like
         Ends in ``.png``; replaced if it exists.
-    color_by : {"diameter", "sphericity", "height", "id"} or array_like, shape (n,)
-        What the colour of a grain shows: a quantity with a scale beside it, or ``"id"`` to tell neighbours apart.
+    color_by : {"diameter", "sphericity", "height", "id", "layers", "columns", "halves"} or array_like, shape (n,)
+        What the colour of a grain shows: a quantity with a scale beside it, ``"id"`` to tell neighbours apart, or in
+        which of five layers or columns, or of two halves, left and right, it is.
     size : tuple of int
         Width and height [pixels].
+    view : {"corner", "front", "side", "top"}, optional
+        Over a corner of the container, or straight on without perspective: from −y, +x or +z, from +z, +x or +y in
+        planar work. By default over a corner, in planar work from the front.
 
     Returns
     -------
@@ -57,7 +63,7 @@ def render(
     FileFormatError
         If the suffix is another.
     InputError
-        If there is no grain, or ``color_by`` or ``size`` is not one of the above.
+        If there is no grain, or ``color_by``, ``size`` or ``view`` is not one of the above.
     MissingPackageError
         Where PyVista is not installed.
     WriteError
@@ -71,7 +77,7 @@ def render(
     target = check_suffix(path)
     if len(packing) == 0:
         raise InputError("there is nothing to draw: the packing has no grains")
-    scene = set_scene(packing, color_by)
+    scene = set_scene(packing, color_by, view)
     with painting(size) as draw, replacing(target) as temporary:
         draw(scene, temporary)
     return target

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, get_args
 
 import numpy as np
 
 from grainsdem.errors import InputError
 from grainsdem.figures.frame import length_unit
 from grainsdem.geometry.rotations import world_vertices
+from grainsdem.looks import QUANTITIES, View
 from grainsdem.measures import diameters, sphericities
 
 if TYPE_CHECKING:
@@ -16,14 +17,22 @@ if TYPE_CHECKING:
 
     from grainsdem.model import Packing
 
-QUANTITIES = ("diameter", "sphericity", "height", "id")
-"""What `render` colours grains by, besides an array."""
+N_LAYERS = 5
+"""How many layers, or columns, are told apart by colour."""
 
-EYE = (3.0, -4.2, 2.2)
-"""Direction from the middle of the container to the eye."""
+HALVES = "coolwarm"
+"""Colours of two halves: blue on the left, red on the right."""
+
+EYES: dict[str, tuple[float, float, float]] = {
+    "corner": (3.0, -4.2, 2.2), "front": (0.0, -1.0, 0.0), "side": (1.0, 0.0, 0.0), "top": (0.0, 0.0, 1.0),
+}  # fmt: skip
+"""Direction from the middle of the container to the eye: to the right, to the back, and up."""
+
+EYE = EYES["corner"]
+"""That of a picture which is not told otherwise."""
 
 LIGHTS = (((-2.0, -3.0, 4.0), 0.85), ((4.0, -2.0, 2.0), 0.45), ((0.0, 4.0, 1.0), 0.2))
-"""Direction to each light, and its strength."""
+"""Direction to each light: to the right, to the back, and up; and its strength."""
 
 AMBIENT, DIFFUSE = 0.25, 0.8
 """Share of the light that comes from everywhere, and that falls on faces from the lights."""
@@ -37,7 +46,7 @@ class Scene(NamedTuple):
     packing : Packing
         The grains.
     lower, upper : ndarray, shape (3,)
-        Corners [m] of the outline.
+        Corners [m] of what the picture has room for.
     values : ndarray, shape (n,)
         One a grain, for its colour.
     limits : tuple of float
@@ -46,6 +55,16 @@ class Scene(NamedTuple):
         Name of the colour map.
     label : str or None
         Title of the scale; None for no scale.
+    view : str
+        From where one looks.
+    up : ndarray, shape (3,)
+        What is up in the picture.
+    is_turning : bool
+        Whether the container turns in the pictures that follow one another, which it is then small enough for.
+    bodies : tuple of (ndarray, ndarray)
+        Corners [m] and triangles of what is around the grains.
+    outline : (ndarray, ndarray), optional
+        Corners [m] of the container, where its outline is drawn.
     """
 
     packing: Packing
@@ -55,37 +74,77 @@ class Scene(NamedTuple):
     limits: tuple[float, float]
     colors: str
     label: str | None
+    view: View
+    up: NDArray[np.float64]
+    is_turning: bool = False
+    bodies: tuple[tuple[NDArray[np.float64], NDArray[np.int32]], ...] = ()
+    outline: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether one looks straight on, without perspective."""
+        return self.view != "corner"
+
+    def directions(self, rows: ArrayLike) -> NDArray[np.float64]:
+        """Return directions that are given to the right, to the back and up in those of the world, shape (n, 3)."""
+        return np.asarray(rows, dtype=np.float64) @ _frame(self.packing.domain.is_planar)
+
+    @property
+    def upright(self) -> NDArray[np.float64]:
+        """What is up in the picture, or to the back where one looks from the top."""
+        return self.directions([0.0, 1.0, 0.0]) if self.view == "top" else self.up
 
 
-def set_scene(packing: Packing, color_by: str | ArrayLike) -> Scene:
+def _frame(is_planar: bool) -> NDArray[np.float64]:
+    """Return the directions to the right, to the back and up as rows: up is against gravity, y in planar work."""
+    return np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]) if is_planar else np.eye(3)
+
+
+def set_scene(packing: Packing, color_by: str | ArrayLike, view: View | None = None) -> Scene:
     """Return what is drawn of a packing; see `grainsdem.figures.render`."""
-    values, label = _quantity(packing, color_by)
+    is_planar = packing.domain.is_planar
+    if view is None:
+        view = "front" if is_planar else "corner"
+    if view not in get_args(View):
+        raise InputError(f"view must be one of {', '.join(get_args(View))}; got {view!r}")
+    values, label, colors = _quantity(packing, color_by)
     low, high = float(values.min()), float(values.max())
     if high - low <= 1e-9 * max(abs(low), abs(high)):  # one value: the middle of a narrow scale
         low, high = low - (0.01 * abs(low) or 1.0), high + (0.01 * abs(high) or 1.0)
-    domain = packing.domain
+    if colors == HALVES:  # the ends of its scale are dark
+        low, high = low - 0.15, high + 0.15
+    domain, up = packing.domain, 1 if is_planar else 2
     # A container much higher than its bed would leave the bed small: it is drawn to a little above the grains.
     upper = domain.upper.copy()
-    top = world_vertices(packing)[:, 2].max() + 0.5 * diameters(packing.grains).mean()
-    upper[2] = max(min(upper[2], top), domain.lower[2] + 1e-3 * domain.lengths[2])
-    colors = "Spectral" if label is None else "viridis"
-    return Scene(packing, domain.lower, upper, values, (low, high), colors, label)
+    top = world_vertices(packing)[:, up].max() + 0.5 * diameters(packing.grains).mean()
+    upper[up] = max(min(upper[up], top), domain.lower[up] + 1e-3 * domain.lengths[up])
+    return Scene(
+        packing, domain.lower, upper, values, (low, high), colors, label, view, _frame(is_planar)[2],
+        outline=(domain.lower, upper),
+    )  # fmt: skip
 
 
-def _quantity(packing: Packing, color_by: str | ArrayLike) -> tuple[NDArray[np.float64], str | None]:
-    """Return one value a grain and the title of its scale; None for a scale that says nothing."""
+def _quantity(packing: Packing, color_by: str | ArrayLike) -> tuple[NDArray[np.float64], str | None, str]:
+    """Return one value a grain, the title of its scale and the colours; no title for a scale that says nothing."""
     if not isinstance(color_by, str):
         values = np.asarray(color_by, dtype=np.float64)
         if values.shape != (len(packing),) or not np.isfinite(values).all():
             raise InputError(f"color_by must hold one finite value a grain, {len(packing)}; got shape {values.shape}")
-        return values, ""
+        return values, "", "viridis"
     if color_by not in QUANTITIES:
         raise InputError(f"color_by must be {', '.join(QUANTITIES)} or one value a grain; got {color_by!r}")
+    right, _, heights = _frame(packing.domain.is_planar) @ packing.positions.T
     if color_by == "id":
         # Multiples of the golden ratio: ids that follow one another get colours far apart.
-        return np.mod(np.arange(len(packing)) * 0.6180339887498949, 1.0), None
+        return np.mod(np.arange(len(packing)) * 0.6180339887498949, 1.0), None, "Spectral"
+    if color_by == "halves":
+        return (right > np.median(right)).astype(np.float64), None, HALVES
+    if color_by in ("layers", "columns"):  # of as many grains each, from the lowest to the highest, or from the left
+        ranks = np.empty(len(packing))
+        ranks[np.argsort(heights if color_by == "layers" else right, kind="stable")] = np.arange(len(packing))
+        return np.floor(N_LAYERS * ranks / len(packing)), None, "Spectral"
     if color_by == "sphericity":
-        return sphericities(packing.grains), "sphericity"
-    values = diameters(packing.grains) if color_by == "diameter" else packing.positions[:, 2]
+        return sphericities(packing.grains), "sphericity", "viridis"
+    values = diameters(packing.grains) if color_by == "diameter" else heights
     factor, unit = length_unit(float(np.median(np.abs(values))))
-    return values * factor, f"{color_by}  [{unit}]"
+    return values * factor, f"{color_by}  [{unit}]", "viridis"

@@ -10,6 +10,7 @@ from grainsdem.model.grading import Grading
 from grainsdem.model.packing import DROPPED, QUARTZ_DENSITY, CellLinks, Packing
 from grainsdem.model.report import Check, Report
 from grainsdem.model.shapes import Polyhedra
+from grainsdem.model.surroundings import Surroundings
 from grainsdem.model.tessellation import Tessellation
 
 __all__ = [
@@ -23,5 +24,6 @@ __all__ = [
     "Packing",
     "Polyhedra",
     "Report",
+    "Surroundings",
     "Tessellation",
 ]

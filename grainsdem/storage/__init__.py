@@ -3,6 +3,7 @@
 from grainsdem.storage.hdf5 import SCHEMA_VERSION, SUFFIXES, check_suffix
 from grainsdem.storage.histories import HistoryWriter, load_history, load_motion, load_moved
 from grainsdem.storage.packings import load, save
+from grainsdem.storage.surroundings import load_surroundings
 
 __all__ = [
     "SCHEMA_VERSION",
@@ -13,5 +14,6 @@ __all__ = [
     "load_history",
     "load_motion",
     "load_moved",
+    "load_surroundings",
     "save",
 ]

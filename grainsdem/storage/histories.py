@@ -12,6 +12,7 @@ import numpy as np
 from grainsdem.errors import InputError, ShapeError
 from grainsdem.storage.hdf5 import LIBVER, check_room, check_suffix, describe, read_dataset, reading, writing
 from grainsdem.storage.packings import read_packing, write_packing
+from grainsdem.storage.surroundings import MOVES, SCHEMA, create_surroundings
 
 if TYPE_CHECKING:
     import os
@@ -20,9 +21,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-    from grainsdem.model import Packing
-
-SCHEMA = "grainsdem.history"
+    from grainsdem.model import Packing, Surroundings
 
 
 class HistoryWriter:
@@ -38,6 +37,9 @@ class HistoryWriter:
         Where given, frames of all grains' positions [m] and quaternions (w, x, y, z) can be appended too.
     grains : Packing, optional
         The grains that are moved, where the run's last packing need not have them all: `load_moved` gives them back.
+    around : Surroundings, optional
+        The bodies around the grains, whose places and gravity are then appended with every frame; its own are not
+        looked at.
     attributes : mapping of str to JSON value
         What a reader should know: provenance, units of mass, parameters.
     rows_per_chunk : int
@@ -72,6 +74,7 @@ class HistoryWriter:
         *,
         n_grains: int | None = None,
         grains: Packing | None = None,
+        around: Surroundings | None = None,
         attributes: Mapping[str, Any] | None = None,
         rows_per_chunk: int = 16,
     ) -> None:
@@ -95,6 +98,7 @@ class HistoryWriter:
             self._file.attrs["attributes"] = json.dumps(dict(attributes or {}), ensure_ascii=False, sort_keys=True)
             self._series = _create_series(self._file, names)
             self._frames = None if n_grains is None else _create_frames(self._file, n_grains)
+            self._around = {} if around is None else create_surroundings(self._file, around)
             if grains is not None:
                 write_packing(self._file.create_group("grains"), grains)
             self._file.flush()
@@ -109,10 +113,18 @@ class HistoryWriter:
         if len(self._rows) >= self._rows_per_chunk:
             self.flush()
 
-    def append_frame(self, time: float, *, positions: ArrayLike, quaternions: ArrayLike) -> None:
+    def append_frame(
+        self,
+        time: float,
+        *,
+        positions: ArrayLike,
+        quaternions: ArrayLike,
+        around: tuple[ArrayLike, ArrayLike, ArrayLike] | None = None,
+    ) -> None:
         """Append every grain's position [m], shape (n, 3), and quaternion, shape (n, 4), at one time [s].
 
-        Those of a grain that is absent are NaN.
+        Those of a grain that is absent are NaN. ``around`` are positions, quaternions and gravity of what is around
+        them, as a frame of `Surroundings` has them.
         """
         if self._frames is None:
             raise InputError("this history has no frames; give n_grains when it is made")
@@ -120,9 +132,19 @@ class HistoryWriter:
         for name, width in (("positions", 3), ("quaternions", 4)):
             if values[name].shape != (self.n_grains, width):
                 raise ShapeError(f"{name} must have shape ({self.n_grains}, {width}); got {values[name].shape}")
+        if (around is None) == bool(self._around):
+            raise InputError("frames need what is around the grains where the history was made with it, and only there")
+        moves = {} if around is None else dict(zip(MOVES, (np.asarray(value, float) for value in around), strict=True))
+        for name, dataset in self._around.items():
+            if moves[name].shape != dataset.shape[1:]:
+                raise ShapeError(
+                    f"{name} around the grains must have shape {dataset.shape[1:]}; got {moves[name].shape}"
+                )
         self.flush()
-        check_room(self.path, sum(value.nbytes for value in values.values()))
+        check_room(self.path, sum(value.nbytes for value in (*values.values(), *moves.values())))
         with writing(self.path):
+            for name, dataset in self._around.items():
+                _extend(dataset, moves[name][np.newaxis])
             # The time last: a frame is there when its time is.
             for name, value in (*values.items(), ("times", np.array(time, dtype=np.float64))):
                 _extend(self._frames[name], value[np.newaxis])

@@ -160,6 +160,12 @@ class Engine(Protocol):
     def deepest_overlap(self) -> tuple[float, tuple[str, str]]:
         """Return the depth [d] of the deepest overlap of the present state, and the names of the two; zero for none."""
 
+    def hulls(self) -> dict[str, list[Floats]]:
+        """Return the corners [d] of the convex shapes of each part, in its own frame; planes have none."""
+
+    def places(self, parts: Sequence[str]) -> tuple[Floats, Floats]:
+        """Return where the frames of parts are [d], shape (b, 3), and their rotations; NaN for one that is removed."""
+
     def axle(self, name: str) -> tuple[float, float]:
         """Return position and speed of a joint of the apparatus."""
 

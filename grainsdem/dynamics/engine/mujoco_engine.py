@@ -9,9 +9,11 @@ import numpy as np
 
 from exporters.mjcf.log import quiet
 from grainsdem.dynamics.engine import cache
-from grainsdem.dynamics.engine.contract import Contacts, EngineError, Motion
+from grainsdem.dynamics.engine.contract import EngineError, Motion
 from grainsdem.dynamics.engine.names import grain_numbers, name_of_coordinate, name_parts
 from grainsdem.dynamics.engine.poses import set_poses
+from grainsdem.dynamics.engine.reading import contacts_of
+from grainsdem.dynamics.engine.shapes import hulls_of_parts, places_of_parts
 from grainsdem.errors import InputError
 from grainsdem.geometry.rotations import to_matrices
 
@@ -20,6 +22,8 @@ if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
     from numpy.typing import ArrayLike, NDArray
+
+    from grainsdem.dynamics.engine.contract import Contacts
 
     Floats = NDArray[np.float64]
 
@@ -265,11 +269,11 @@ class MujocoEngine:
         probe = self._copy()
         with self._converging():
             mujoco.mj_forward(self.model, probe)
-        return self._read(probe)
+        return contacts_of(probe, self._id_of_geom)
 
     def last_contacts(self) -> Contacts:
         """Return the contact points of the last step, with forces as that step left them: fast, known to 10 %."""
-        return self._read(self.data)
+        return contacts_of(self.data, self._id_of_geom)
 
     def accelerations(self) -> Floats:
         """Return the magnitude of each centroid's acceleration [g] in the last step, shape (n,)."""
@@ -292,29 +296,13 @@ class MujocoEngine:
         number = int(self._id_of_geom[geom])
         return f"g{number:06d}" if number >= 0 else self.parts[-1 - number]
 
-    def _read(self, data: Any) -> Contacts:
-        """Return the contact points that carry force in ``data``, as the last solve left them."""
-        contact = data.contact
-        address = np.asarray(contact.efc_address)
-        rows = np.flatnonzero(address >= 0)
-        rows = rows[data.efc_force[address[rows]] > 0]
-        address = address[rows]
-        frames = np.asarray(contact.frame)[rows].reshape(-1, 3, 3)
-        dims = np.asarray(contact.dim)[rows]
-        forces = np.zeros((rows.size, 3))
-        for k in range(3):  # rows of the frame are the axes; a contact without friction has only the first
-            has = dims > k
-            forces[has] += data.efc_force[address[has] + k, None] * frames[has, k]
-        pairs = self._id_of_geom[np.asarray(contact.geom)[rows]].reshape(-1, 2)
-        turned = np.where(pairs[:, 0] > pairs[:, 1], -1.0, 1.0)
-        return Contacts(
-            np.sort(pairs, axis=1),
-            np.asarray(contact.pos)[rows].reshape(-1, 3).copy(),
-            frames[:, 0] * turned[:, None],
-            forces * turned[:, None],
-            np.asarray(contact.dist)[rows].copy(),
-            np.where(dims > 1, np.asarray(contact.friction)[rows].reshape(-1, 5)[:, 0], 0.0),
-        )
+    def hulls(self) -> dict[str, list[Floats]]:
+        """Return the corners [d] of the convex shapes of each part, in its own frame; planes have none."""
+        return hulls_of_parts(self.model, self.parts, self._id_of_geom)
+
+    def places(self, parts: Sequence[str]) -> tuple[Floats, Floats]:
+        """Return where the frames of parts are [d], and their rotations; NaN for one that is removed."""
+        return places_of_parts(self.model, self._copy(), [self.parts.index(part) for part in parts], self._id_of_geom)
 
     def axle(self, name: str) -> tuple[float, float]:
         """Return position and speed of a joint of the apparatus."""

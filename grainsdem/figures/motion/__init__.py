@@ -1,5 +1,6 @@
 """Moving pictures: a recorded motion as an animation."""
 
 from grainsdem.figures.motion.animations import animate
+from grainsdem.figures.motion.replaying import replay
 
-__all__ = ["animate"]
+__all__ = ["animate", "replay"]

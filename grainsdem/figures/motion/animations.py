@@ -11,9 +11,11 @@ import numpy as np
 
 from grainsdem.atomic import replacing
 from grainsdem.errors import FileFormatError, InputError, ShapeError
+from grainsdem.figures.motion.bodies import surrounded
 from grainsdem.figures.motion.videos import find_ffmpeg, write_film
 from grainsdem.figures.renders import painting
 from grainsdem.figures.scene import set_scene
+from grainsdem.measures import diameters
 from grainsdem.packing.carve import subset
 
 if TYPE_CHECKING:
@@ -23,7 +25,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from grainsdem.figures.scene import Scene
-    from grainsdem.model import Packing
+    from grainsdem.looks import View
+    from grainsdem.model import Packing, Surroundings
 
     Floats = NDArray[np.float64]
 
@@ -32,6 +35,12 @@ SUFFIXES = (".gif", ".webp", ".mp4")
 
 FRAMES_PER_SECOND = 20
 """Pictures a second: GIF counts hundredths of a second, and viewers slow down what is faster than two."""
+
+SAMPLED = 8
+"""From about how many of its pictures the palette of a GIF is made."""
+
+WHITE = 245
+"""Least of red, green and blue of a colour of a GIF that becomes white: a palette has means of what it merges."""
 
 
 def animate(
@@ -44,6 +53,12 @@ def animate(
     color_by: str | ArrayLike = "id",
     size: tuple[int, int] = (640, 480),
     seconds: float = 5.0,
+    n_pictures: int | None = None,
+    since: float | None = None,
+    until: float | None = None,
+    view: View | None = None,
+    around: Surroundings | None = None,
+    outline: bool = True,
     progress: Callable[[int, int], None] | None = None,
 ) -> Path:
     """Draw a recorded motion as an animation that lasts some seconds.
@@ -60,12 +75,23 @@ def animate(
         Centroids [m] in each frame; NaN for a grain that is absent.
     quaternions : array_like, shape (t, n, 4)
         Rotations (w, x, y, z) in each frame.
-    color_by : {"diameter", "sphericity", "height", "id"} or array_like, shape (n,)
-        As in `render`; what a grain has at the start colours it all the time.
+    color_by : {"diameter", "sphericity", "height", "id", "layers", "columns", "halves"} or array_like, shape (n,)
+        As in `render`; what a grain has in the first picture, or where it comes in, colours it all the time.
     size : tuple of int
         Width and height [pixels].
     seconds : float
         How long the animation lasts, whatever the time that was recorded: the frame nearest to each moment is shown.
+    n_pictures : int, optional
+        How many pictures it has; twenty a second by default. Fewer make a smaller file.
+    since, until : float, optional
+        The time [s] of the record that is shown; all of it by default.
+    view : {"corner", "front", "side", "top"}, optional
+        As in `render`.
+    around : Surroundings, optional
+        What was recorded around the grains (`load_surroundings`): bodies are drawn as glass, and where gravity turns,
+        the pictures do, so that it points down in each.
+    outline : bool
+        Whether the outline of the container is drawn.
     progress : callable, optional
         Called with the pictures drawn and their number.
 
@@ -79,9 +105,10 @@ def animate(
     FileFormatError
         If the suffix is another.
     InputError
-        If there is no frame, ``seconds`` is not positive, or as in `render`.
+        If there is no frame, or none between the times that are asked for, ``seconds`` is not positive, there are less
+        than two pictures, or as in `render`.
     ShapeError
-        If the frames are not of the packing's grains, or times do not grow.
+        If the frames are not of the packing's grains or not as many as those around them, or times do not grow.
     MissingPackageError
         Where PyVista is not installed, or ffmpeg is not found for an ``.mp4``.
     """
@@ -94,9 +121,19 @@ def animate(
         raise InputError(f"seconds must be positive and finite; got {seconds}")
     if target.suffix.lower() == ".mp4":
         find_ffmpeg()  # before pictures are drawn for nothing
+    if n_pictures is not None and n_pictures < 2:
+        raise InputError(f"an animation has two pictures or more; got {n_pictures}")
     moments = _checked(packing, times, positions, quaternions)
-    chosen = _even(moments, max(2, round(seconds * FRAMES_PER_SECOND)))
-    scenes = _scenes(packing, np.asarray(positions), np.asarray(quaternions), chosen, color_by)
+    if around is not None and len(around.gravity) != len(moments):
+        raise ShapeError(
+            f"around must have as many frames as there are times, {len(moments)}; got {len(around.gravity)}"
+        )
+    shown = _between(moments, since, until)
+    chosen = shown.start + _even(moments[shown], n_pictures or max(2, round(seconds * FRAMES_PER_SECOND)))
+    scenes = _scenes(packing, np.asarray(positions), np.asarray(quaternions), chosen, color_by=color_by, view=view)
+    scenes = [scene if outline else scene._replace(outline=None) for scene in scenes]
+    if around is not None:
+        scenes = surrounded(scenes, around, chosen)
     with painting((2 * size[0], 2 * size[1]), fine=False) as draw, replacing(target) as temporary:
         pictures = list(_pictures(scenes, draw, size, progress))
         _write(pictures, temporary, target.suffix.lower(), 1000.0 * seconds / len(pictures))
@@ -120,6 +157,18 @@ def _checked(packing: Packing, times: ArrayLike, positions: ArrayLike, quaternio
     return moments
 
 
+def _between(moments: Floats, since: float | None, until: float | None) -> slice:
+    """Return which of the moments, which grow, lie between two times."""
+    first = 0 if since is None else int(np.searchsorted(moments, since))
+    last = len(moments) if until is None else int(np.searchsorted(moments, until, side="right"))
+    if first >= last:
+        raise InputError(
+            f"nothing was recorded between since = {since} and until = {until}: the {len(moments)} frames are from "
+            f"{moments[0]:g} to {moments[-1]:g} s"
+        )
+    return slice(first, last)
+
+
 def _even(moments: NDArray[np.float64], n: int) -> NDArray[np.int64]:
     """Return, for moments evenly spread over the record, the frame nearest to each."""
     wanted = np.linspace(moments[0], moments[-1], n if moments.size > 1 else 1)
@@ -131,12 +180,23 @@ def _even(moments: NDArray[np.float64], n: int) -> NDArray[np.int64]:
 
 
 def _scenes(
-    packing: Packing, positions: Floats, quaternions: Floats, chosen: NDArray[np.int64], color_by: str | ArrayLike
+    packing: Packing,
+    positions: Floats,
+    quaternions: Floats,
+    chosen: NDArray[np.int64],
+    *,
+    color_by: str | ArrayLike,
+    view: View | None,
 ) -> list[Scene]:
-    """Return what each picture shows: one outline and one scale of colours for all."""
+    """Return what each picture shows: one outline, one place for the eye and one scale of colours for all."""
     is_present = np.isfinite(positions[..., 0])
-    arrived = np.argmax(is_present, axis=0), np.arange(len(packing))
-    first = set_scene(replace(packing, positions=positions[arrived], quaternions=quaternions[arrived]), color_by)
+    # Where each grain is first, from the first picture on; before that where it never comes back.
+    order = np.roll(np.arange(len(positions)), -int(chosen[0]))
+    arrived = order[np.argmax(is_present[order], axis=0)], np.arange(len(packing))
+    starts, turns = positions[arrived], quaternions[arrived]
+    never = ~is_present.any(axis=0)  # such grains have a colour that no picture shows
+    starts[never], turns[never] = packing.domain.lower, (1.0, 0.0, 0.0, 0.0)
+    first = set_scene(replace(packing, positions=starts, quaternions=turns), color_by, view)
     # A frame that is shown longer is one scene, drawn once.
     scenes = {}
     for k in np.unique(chosen).tolist():
@@ -144,9 +204,18 @@ def _scenes(
         here = moved if is_present[k].all() else subset(moved, np.flatnonzero(is_present[k]))
         scenes[k] = first._replace(packing=here, values=first.values[is_present[k]])
     ends = [scenes[k].packing for k in (int(chosen[0]), int(chosen[-1]))]
-    tops = [set_scene(state, "id").upper[2] for state in ends if len(state)]
-    upper = np.append(first.upper[:2], max(tops, default=first.upper[2]))
-    return [scenes[k]._replace(upper=upper) for k in chosen.tolist()]
+    up = int(np.argmax(first.up))
+    tops = [set_scene(state, "id").upper[up] for state in ends if len(state)]
+    upper = first.upper.copy()
+    upper[up] = max(tops, default=upper[up])
+    # Grains may run out of what held them; those that fall from above come into the picture.
+    reach = 0.5 * float(diameters(packing.grains).max(initial=0.0))
+    places = positions[chosen][is_present[chosen]]
+    low = np.minimum(first.lower, places.min(axis=0, initial=np.inf) - reach)
+    high = np.maximum(upper, places.max(axis=0, initial=-np.inf) + reach)
+    high[up] = upper[up]
+    container = first.lower, upper
+    return [scenes[k]._replace(lower=low, upper=high, outline=container) for k in chosen.tolist()]
 
 
 def _pictures(
@@ -187,8 +256,16 @@ def _write(pictures: list[Any], path: Path, suffix: str, milliseconds: float) ->
         )  # fmt: skip
         return
     # One palette for all pictures: colours that flicker are worse than colours a little off.
-    middle = pictures[len(pictures) // 2].quantize(128, method=Image.Quantize.MEDIANCUT)
-    frames = [picture.quantize(palette=middle, dither=Image.Dither.NONE) for picture in pictures]
+    width, height = pictures[0].size
+    some = pictures[:: max(1, len(pictures) // SAMPLED)]
+    strip = Image.new("RGB", (width, height * len(some)))
+    for k, picture in enumerate(some):
+        strip.paste(picture, (0, k * height))
+    shared = strip.quantize(128, method=Image.Quantize.MEDIANCUT)
+    palette = np.array(shared.getpalette()).reshape(-1, 3)
+    palette[palette.min(axis=1) >= WHITE] = 255  # the ground shall be that of the page
+    shared.putpalette(palette.ravel().tolist())
+    frames = [picture.quantize(palette=shared, dither=Image.Dither.NONE) for picture in pictures]
     frames[0].save(
         path, format="GIF", save_all=True, append_images=frames[1:], duration=round(milliseconds / 10) * 10, loop=0,
     )  # fmt: skip

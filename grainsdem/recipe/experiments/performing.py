@@ -5,11 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import exporters
 from grainsdem import dynamics, storage
 from grainsdem.errors import UnstableError
 from grainsdem.figures.curves import curve_figure
-from grainsdem.figures.motion import animate
+from grainsdem.figures.motion import replay
 from grainsdem.figures.networks import force_figure
 from grainsdem.measures.graph.edges import check_edges
 from grainsdem.recipe.words import noting
@@ -162,16 +161,10 @@ def write_replays(
         Where files that cannot be made of this bed are noted, with their reasons.
     """
     files: list[Path] = []
-    packing = storage.load_moved(history, packing) if suffixes else packing
     for suffix in suffixes:
         path = stem.with_name(f"{stem.name}.{suffix}")
-        motion = storage.load_motion(history)
-        times, positions, turns = (motion[key] for key in ("times", "positions", "quaternions"))
         with monitor.stage(f"Replay {suffix}"), noting(refused, path.name):
-            if f".{suffix}" in exporters.replays.SUFFIXES:
-                files += exporters.replay(packing, path, times=times, positions=positions, quaternions=turns)
-            else:
-                files.append(animate(packing, path, times=times, positions=positions, quaternions=turns))
+            files += replay(history, packing, path)
     return files
 
 
