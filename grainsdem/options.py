@@ -12,7 +12,7 @@ import os
 import re
 from collections.abc import Mapping
 from types import UnionType
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Union, get_args, get_origin
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeVar, Union, get_args, get_origin
 
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, create_model
@@ -31,6 +31,18 @@ _KIND = re.compile(
 
 _LIMITS = {"gt": "above", "ge": "at least", "lt": "below", "le": "at most"}
 """Words for the limits of a range."""
+
+
+class Stored(NamedTuple):
+    """What an option is where it stands in a file or a command, beside a type that is wider in Python.
+
+    Parameters
+    ----------
+    kind : type
+        Its type there.
+    """
+
+    kind: Any
 
 
 class Note(NamedTuple):
@@ -124,8 +136,51 @@ def _is_coefficient(value: object) -> bool:
 Coefficient = Annotated[float, Field(ge=0)]
 """A coefficient of friction."""
 
+Positive = Annotated[float, Field(gt=0)]
+"""A number above zero."""
+
 ByName = Annotated[Coefficient | Mapping[str, Coefficient] | None, BeforeValidator(coefficients)]
 """One coefficient for all, or several by name; in commands, which have no tables, ``floor=0.6,wall_x0=0``."""
+
+
+def shares(given: object) -> object:
+    """Return one number, or several and their shares, as they are given: texts are read.
+
+    Parameters
+    ----------
+    given : float, mapping or str
+        One for all; a mapping from numbers, or texts of numbers, to their shares; a text for either, such as ``0.3`` or
+        ``0.3:0.5,0.6:0.5``. None stays.
+
+    Raises
+    ------
+    ValueError
+        If it is a text that says neither, or an empty mapping.
+
+    Examples
+    --------
+    >>> shares("2650"), shares("0.3:0.5,0.6:0.5"), shares({"0.3": 1.0})
+    (2650.0, {0.3: 0.5, 0.6: 0.5}, {0.3: 1.0})
+    """
+    try:
+        if isinstance(given, str) and ":" not in given:
+            return float(given)
+        if isinstance(given, str):
+            given = dict(item.split(":") for item in given.split(","))
+            given = {kind: float(share) for kind, share in given.items()}
+        if not isinstance(given, Mapping):
+            return given
+        if given:
+            return {float(kind): share for kind, share in given.items()}
+    except ValueError:
+        pass
+    raise ValueError("must be a number, or numbers and their shares as 0.3:0.5,0.6:0.5")
+
+
+Number = TypeVar("Number")
+
+ByShare = Annotated[Number | Mapping[Number, float] | None, BeforeValidator(shares)]
+"""One number for all grains, or several and their shares by number; in commands ``0.3:0.5,0.6:0.5``."""
 
 STRICT = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 """What models of options are: a text or a yes is no number, and no number is infinite."""
@@ -183,15 +238,35 @@ def _is_number(value: object) -> bool:
     return isinstance(value, int | float | np.number) and not isinstance(value, bool)
 
 
-def model_of(function: Callable[..., Any], name: str) -> type[BaseModel]:
-    """Return the frozen model of a function's options: of its parameters whose annotation carries an `option`."""
+def model_of(function: Callable[..., Any], name: str, **defaults: Any) -> type[BaseModel]:
+    """Return the frozen model of a function's options: of its parameters whose annotation carries an `option`.
+
+    Parameters
+    ----------
+    function : callable
+        The function.
+    name : str
+        Of the model.
+    **defaults
+        Those that are not the function's.
+    """
     fields: dict[str, Any] = {}
     notes = notes_of(function)
     for parameter in inspect.signature(function).parameters.values():
         kind = annotation_of(function, parameter)
         if get_origin(kind) is Annotated and parameter.name not in notes:
-            fields[parameter.name] = (kind, ... if parameter.default is parameter.empty else parameter.default)
+            default = ... if parameter.default is parameter.empty else parameter.default
+            fields[parameter.name] = (_stored(kind), defaults.get(parameter.name, default))
     return create_model(name, __config__=STRICT, **fields)
+
+
+def _stored(kind: Any) -> Any:
+    """Return the annotation of an option in files and commands."""
+    stored = next((note for note in kind.__metadata__ if isinstance(note, Stored)), None)
+    if stored is None:
+        return kind
+    told = [note for note in kind.__metadata__ if not isinstance(note, Stored)]
+    return Annotated[(stored.kind, *told)]
 
 
 def annotation_of(function: Callable[..., Any], parameter: inspect.Parameter) -> Any:

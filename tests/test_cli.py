@@ -293,7 +293,10 @@ def bad_input(tmp_path, bed):
         "negative friction": (["settle", bed, out, "--friction", -1], "friction"),
         "no such wall": (["settle", bed, out, "--wall-friction", "roof=0.1"], "its walls are floor, wall_x0, wall_x1"),
         "friction of nothing": (["settle", bed, out, "--friction", "0.3:half"], "numbers and their shares as 0.3:0.5"),
-        "a bounce too high": (["settle", bed, out, "--restitution", 0.9], "restitution must be 0.3 to 0.7"),
+        "a bounce too high": (
+            ["settle", bed, out, "--restitution", 0.9],
+            "restitution: input should be less than or equal to 0.7",
+        ),
         "drop of what is poured": (["settle", bed, out, "--drop-height", 0.01], "drop_height needs start = 'rain'"),
     }
 

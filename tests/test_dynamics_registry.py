@@ -18,9 +18,11 @@ from typer.testing import CliRunner
 
 from grainsdem import dynamics, storage
 from grainsdem.cli import app
+from grainsdem.described import description
 from grainsdem.dynamics.experiments import registry
 from grainsdem.errors import InputError, MissingPackageError
 from grainsdem.recipe.experiments import experiment_tables
+from grainsdem.recipe.motion import SettleTable
 from grainsdem.recipe.tables import recipe_model
 
 DOCS = Path(__file__).parent.parent / "docs"
@@ -96,8 +98,31 @@ def test_a_recipe_has_a_table_for_each_experiment_in_the_order_in_which_they_are
 
 
 @pytest.mark.unit
+def test_settling_has_its_options_wherever_it_is_offered_and_pours_but_in_python():
+    found = description(dynamics.settle)
+    options = {told.name: told.default for told in found.told()}
+    signature = inspect.signature(dynamics.settle).parameters
+    assert set(signature) == {"packing", *options, *found.notes}
+    in_python = {key: signature[key].default for key in options}
+    assert in_python.pop("start") == "place"
+    assert options == {"start": "pour", **in_python}
+    table = SettleTable().model_dump()
+    assert table == {**options, "max_hours": signature["max_hours"].default, "overlap": 1e-3}
+    command = get_command(app).get_command(None, "settle")
+    assert {p.name: p.default for p in command.params}.items() >= options.items()
+    help_of = {parameter.name: parameter.help for parameter in command.params if hasattr(parameter, "help")}
+    told = json.loads(CliRunner().invoke(app, ["experiments", "settle", "--json"]).output)["settle"]["properties"]
+    for option in found.told():
+        sentence = option.help.removesuffix(".")
+        assert sentence in " ".join(dynamics.settle.__doc__.split())
+        assert sentence in help_of[option.name]
+        assert told[option.name]["description"] == option.help
+
+
+@pytest.mark.unit
 def test_the_page_of_options_is_what_the_experiments_say():
-    pages = "\n".join(registry.find(name).page() for name in registry.BUILT_IN)
+    told = [description(dynamics.settle), *map(registry.find, registry.BUILT_IN)]
+    pages = "\n".join(found.page() for found in told)
     assert (DOCS / "experiments.md").read_text(encoding="utf-8").endswith(f"\n\n{pages}"), (
         "write it anew: (sed '/^## /,$d' docs/experiments.md; grainsdem experiments --markdown) > page"
     )

@@ -93,7 +93,8 @@ def test_the_readmes_commands_run_as_they_stand(tmp_path):
 
 @pytest.mark.parametrize("words", commands(), ids=" ".join)
 def test_the_readmes_commands_have_the_options_that_it_gives_them(words):
-    options = {option for parameter in get_command(app).commands[words[0]].params for option in parameter.opts}
+    command = get_command(app).get_command(None, words[0])
+    options = {option for parameter in command.params for option in parameter.opts}
     assert {word for word in words if word.startswith("--")} <= options
 
 

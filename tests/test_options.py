@@ -10,7 +10,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grainsdem.errors import InputError
-from grainsdem.options import ByName, Note, checked, kind_of, model_of, notes_of, option, paths_of, told_of
+from grainsdem.options import (
+    ByName,
+    Note,
+    Stored,
+    checked,
+    kind_of,
+    model_of,
+    notes_of,
+    option,
+    paths_of,
+    shares,
+    told_of,
+)
 
 Share = Annotated[float, option("A share.", gt=0, le=1)]
 
@@ -169,3 +181,33 @@ def test_a_path_is_an_option_and_what_no_file_can_hold_is_only_noted():
     assert checked(model, {"picture": Path("b.png")}) == {"picture": "b.png"}
     with pytest.raises(InputError, match="brush: unknown key; allowed are picture"):
         checked(model, {"brush": print})
+
+
+@pytest.mark.unit
+@pytest.mark.parametrize(
+    ("given", "read"),
+    [("2650", 2650.0), ("0.3:0.5,0.6:0.5", {0.3: 0.5, 0.6: 0.5}), ({"0.3": 1}, {0.3: 1}), (0.4, 0.4), (None, None)],
+)
+def test_one_number_or_several_with_their_shares_are_read_from_texts_and_tables(given, read):
+    assert shares(given) == read
+
+
+@pytest.mark.unit
+@pytest.mark.parametrize("given", ["rough", "0.3:half", "0.3:0.5,0.6", {"rough": 1.0}, {}])
+def test_shares_that_cannot_be_are_refused_with_what_they_look_like(given):
+    with pytest.raises(ValueError, match=r"numbers and their shares as 0.3:0.5,0.6:0.5"):
+        shares(given)
+
+
+@pytest.mark.unit
+def test_what_python_takes_besides_is_no_option_of_a_file():
+    def pour(
+        *, weight: Annotated[float | Callable[[], float], Stored(float), option("How heavy.", gt=0)] = 1.0
+    ) -> None:
+        del weight
+
+    model = model_of(pour, "pour", weight=2.0)
+    assert checked(model, {}) == {"weight": 2.0}
+    assert told_of(model.model_fields["weight"], "weight").allowed == "above 0"
+    with pytest.raises(InputError, match="weight: input should be a valid number"):
+        checked(model, {"weight": lambda: 1.0})

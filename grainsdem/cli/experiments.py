@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import inspect
+import functools
 import math
-from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_origin
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from typer.core import TyperGroup
-from typer.main import get_command_from_info
-from typer.models import CommandInfo
 
 import grainsdem
+from grainsdem.cli.made import History, MaxHours, Resume, made_command, running
+from grainsdem.cli.moving import settle_command
 from grainsdem.cli.options import (
     Bed,
     Json,
@@ -27,26 +26,19 @@ from grainsdem.cli.options import (
     out,
     prepare,
     print_json,
-    telling,
 )
 from grainsdem.errors import GrainsDEMError
 
 if TYPE_CHECKING:
+    from grainsdem.described import Described
     from grainsdem.dynamics.experiments.registry import Experiment
-    from grainsdem.options import Told
 
 Output = Annotated[Path, typer.Argument(help="The packing at the end, to write (.h5).", show_default=False)]
 Start = Annotated[
     Literal["random", "place"],
     typer.Option(help="Turn the grains at random, reorder them and set them apart first, or start where they are."),
 ]
-History = Annotated[
-    Path | None, typer.Option(help="Write the history here while the run goes (.h5); an interrupted run keeps it.")
-]
-Resume = Annotated[bool, typer.Option("--resume", help="Go on with the killed run of that history.")]
 Figure = Annotated[Path | None, typer.Option(help="Draw the curves here (.png).")]
-
-MaxHours = Annotated[float, typer.Option(help="Refuse a run that would take longer by estimate.")]
 
 Forces = Annotated[
     Path | None,
@@ -75,14 +67,17 @@ UNITS = {
 """Units of what a report tells, by the words of its name."""
 
 
+SETTLE = "settle"
+
+
 class Commands(TyperGroup):
-    """Our commands, and one for each experiment, made when it is asked for: most commands need no engine."""
+    """Our commands, and those for settling and experiments, made when asked for: most commands need no engine."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names of all commands."""
         from grainsdem.dynamics.experiments import registry
 
-        return [*super().list_commands(ctx), *(name.replace("_", "-") for name in registry.names())]
+        return [*super().list_commands(ctx), SETTLE, *(name.replace("_", "-") for name in registry.names())]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """Return a command, or None where there is none of that name."""
@@ -93,57 +88,19 @@ app.info.cls = Commands
 
 
 def _command(name: str) -> Any:
-    """Return the command of an experiment, or None where there is no such experiment."""
+    """Return the command that settles or of an experiment, or None where there is no such experiment."""
     from grainsdem.dynamics.experiments import registry
 
+    if name == SETTLE:
+        return settle_command()
     if name.replace("-", "_") not in registry.names():
         return None
     try:
         found = registry.find(name)
     except GrainsDEMError as error:
         raise typer.BadParameter(str(error)) from None
-    info = CommandInfo(
-        name=name, callback=guarded(_callback(found)), help=f"{found.summary.removesuffix('.')} (MuJoCo)."
-    )
-    return get_command_from_info(info, pretty_exceptions_short=False, rich_markup_mode=app.rich_markup_mode)
-
-
-def _callback(found: Experiment) -> Any:
-    """Return the function behind a command, with the signature that typer reads."""
-    parameters = dict(FIRST)
-    parameters |= {told.name: (_annotation(told), told.default) for told in found.told()}
-    parameters |= {name: pair for name, pair in LAST.items() if not (found.needs_seed and name == "start")}
-
-    def command(**given: Any) -> None:
-        _perform(found, **given)
-
-    command.__annotations__ = {name: kind for name, (kind, _) in parameters.items()}
-    command.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
-        [
-            inspect.Parameter(
-                name,
-                inspect.Parameter.KEYWORD_ONLY,
-                default=inspect.Parameter.empty if default is ... else default,
-                annotation=kind,
-            )
-            for name, (kind, default) in parameters.items()
-        ]
-    )
-    return command
-
-
-def _annotation(told: Told) -> Any:
-    """Return what typer needs to know of an option."""
-    words = f"{told.help.removesuffix('.')} [{told.unit}]." if told.unit else told.help
-    flags = [f"--{told.name.replace('_', '-')}"] if told.annotation is bool else []
-    kind = told.annotation
-    for part in (kind, *get_args(kind)):
-        if get_origin(part) is Sequence:
-            [item] = get_args(part)
-            kind, words = list[item] | None, f"{words} May be repeated."  # type: ignore[valid-type]
-        elif get_origin(part) is Mapping:  # as one text, which the option's type reads
-            kind = str | None
-    return Annotated[kind, typer.Option(*flags, help=words)]
+    last = {name: pair for name, pair in LAST.items() if not (found.needs_seed and name == "start")}
+    return made_command(found, functools.partial(_perform, found), first=FIRST, last=last)
 
 
 @app.command()
@@ -153,11 +110,16 @@ def experiments(
     markdown: Annotated[bool, typer.Option("--markdown", help="Print a page in Markdown.")] = False,
     json_: Annotated[bool, typer.Option("--json", help="Print JSON schemas of the options.")] = False,
 ) -> None:
-    """List the experiments, those of other packages among them, or the options of one."""
+    """List the experiments, those of other packages among them, or the options of one, or of settle."""
+    from grainsdem.described import description
     from grainsdem.dynamics.experiments import registry
     from grainsdem.screen import print_facts
 
-    chosen = registry.known() if name is None else {name: registry.find(name)}
+    settling = description(grainsdem.settle)
+    if name is not None:
+        chosen: dict[str, Described] = {name: settling if name == SETTLE else registry.find(name)}
+    else:  # settling is told with them, and comes before
+        chosen = {**({SETTLE: settling} if markdown or json_ else {}), **registry.known()}
     if json_:
         print_json({found.name: found.schema() for found in chosen.values()})
     elif markdown:
@@ -235,25 +197,17 @@ def _perform(
     from grainsdem import storage
     from grainsdem.figures.curves import curve_figure
     from grainsdem.figures.frame import check_suffix
-    from grainsdem.options import checked
-    from grainsdem.recipe import keeping_last_good
     from grainsdem.recipe.experiments import check_forces, draw_or_write_forces
-    from grainsdem.screen import ChainProgress, print_facts
+    from grainsdem.screen import print_facts
 
     storage.check_suffix(output)
     if figure is not None:
         check_suffix(figure)
     if forces is not None:
         check_forces(forces)
-    options = checked(found.options, options)
     prepare("contacts", "shapes", quiet=quiet)
     packing = load(bed)
-    with (
-        ChainProgress(err, shown=not (quiet or json_)) as bars,
-        bars.stage(found.title) as tell,
-        telling(shown=not (quiet or json_)),
-        keeping_last_good(output),
-    ):
+    with running(found.title, output, shown=not (quiet or json_)) as tell:
         outcome = found.function(
             packing,
             history_path=history,

@@ -149,19 +149,6 @@ def keyed(items: list[str]) -> dict[str, Any]:
     return found
 
 
-def shares(name: str, text: str | None) -> float | dict[float, float] | None:
-    """Return what texts such as ``2650`` or ``2650:0.9,5200:0.1`` say."""
-    if text is None:
-        return None
-    try:
-        if ":" not in text:
-            return float(text)
-        return {float(kind): float(share) for kind, share in (item.split(":") for item in text.split(","))}
-    except ValueError:
-        example = {"density": "2650:0.9,5200:0.1"}.get(name, "0.3:0.5,0.6:0.5")
-        raise InputError(f"{name} is a number, or numbers and their shares as {example}; got {text!r}") from None
-
-
 def show_summary(
     packing: Packing,
     *,

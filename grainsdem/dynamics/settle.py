@@ -2,36 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Literal
+import os
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from exporters.container import wall_names
 from exporters.mjcf import MjcfOptions
 from exporters.rest import frictions
+from grainsdem.described import described
 from grainsdem.dynamics.budget import allow, settling_budget
 from grainsdem.dynamics.engine.rain import RAIN_SPEED, Rain
 from grainsdem.dynamics.engine.relief import LEAST_WEIGHT, UNLOADING, are_walls_smooth, weight_share
+from grainsdem.dynamics.experiments.shared import (
+    NOTES,
+    Gravity,
+    Mixing,
+    Restitution,
+    RollingFriction,
+    Spheres,
+    WallFriction,
+)
 from grainsdem.dynamics.loop import Loop, Progress, Record
 from grainsdem.dynamics.mechanics import SAMPLE_UNITS, Sample, contact_graph, sample, snapshot
 from grainsdem.dynamics.scene import equip, refuse_overlap, scene_of
 from grainsdem.dynamics.settled import Settled, SettleReport
-from grainsdem.dynamics.starting import begin, downward
+from grainsdem.dynamics.starting import PerGrain, Start, begin, downward
 from grainsdem.dynamics.watch import find_trouble, stored_energy
 from grainsdem.errors import InputError
+from grainsdem.model import Packing
+from grainsdem.options import ByShare, Coefficient, Note, Positive, Stored, option
 
 if TYPE_CHECKING:
-    import os
-    from collections.abc import Callable
-
-    from numpy.typing import ArrayLike, NDArray
-
     from grainsdem.dynamics.scene import Scene
-    from grainsdem.dynamics.starting import PerGrain, Start
-    from grainsdem.model import Packing
 
-    Floats = NDArray[np.float64]
+Floats = NDArray[np.float64]
 
 REST_ENERGY = 1e-6
 """Mean kinetic energy of a grain at rest [m g d]."""
@@ -60,80 +67,86 @@ LEAST_TIME = 2.0
 """Time before which nothing counts as rest [√(d/g)]: grains that have just been let go are slow, too."""
 
 
+@described(start="pour", caution="In Python grains start in place where `start` is not given.")
 def settle(
     packing: Packing,
     *,
-    start: Start = "place",
-    spheres: bool = False,
-    friction: PerGrain | None = None,
-    wall_friction: float | Mapping[str, float] | None = None,
-    mixing: Literal["max", "min"] = "max",
-    rolling_friction: float = 0.0,
-    restitution: float | None = None,
-    gravity: float = 9.81,
-    direction: ArrayLike | None = None,
-    density: PerGrain | None = None,
-    drop_height: float | None = None,
-    rng: np.random.Generator | int | None = None,
-    time_step: float = 0.01,
-    max_time: float = 200.0,
-    max_hours: float = 24.0,
-    history_path: str | os.PathLike[str] | None = None,
-    resume: bool = False,
-    progress: Callable[[Progress], None] | None = None,
+    start: Annotated[
+        Start,
+        option(
+            "Where grains start: poured they are rotated, reordered, lifted apart and let go at once; as rain they are "
+            "let go layer by layer; in place they settle into a jigsaw, denser than any random pack, as the "
+            "tessellation remembers.",
+        ),
+    ] = "place",
+    spheres: Spheres = False,
+    friction: Annotated[
+        PerGrain | None,
+        Stored(ByShare[Coefficient]),
+        option(
+            "Coefficient of friction among all grains in this run; or several, which grains keep, and their shares by "
+            "number as 0.3:0.5,0.6:0.5, or in Python a function of the diameters. By default each grain has its own "
+            "(`Packing.frictions`), or 0.5 where there are none.",
+        ),
+    ] = None,
+    wall_friction: WallFriction = None,
+    mixing: Mixing = "max",
+    rolling_friction: RollingFriction = 0.0,
+    restitution: Restitution = None,
+    gravity: Gravity = 9.81,
+    direction: Annotated[
+        ArrayLike | None,
+        Stored(tuple[float, float, float] | None),
+        option("Where gravity points, of any length: toward the floor; straight down by default."),
+    ] = None,
+    density: Annotated[
+        PerGrain | None,
+        Stored(ByShare[Positive]),
+        option(
+            "Density instead of the grains' own; or several and their shares by number as 2650:0.9,5200:0.1, drawn at "
+            "random, or in Python a function of the diameters.",
+            "kg/m³",
+        ),
+    ] = None,
+    drop_height: Annotated[
+        float | None,
+        option(
+            "How far above the bed below it a grain of rain is let go, so that all fall about as far; by default at "
+            "half the container's height. What is poured falls from where its lattice is.",
+            "m",
+            gt=0,
+        ),
+    ] = None,
+    rng: Annotated[
+        np.random.Generator | int | None,
+        Note("numpy.random.Generator, int or None", "Source of randomness, or a seed for one, of the start."),
+    ] = None,
+    time_step: Annotated[
+        float,
+        option(
+            "Time step in units of t = √(d/g), d being the median diameter. The overlap at rest grows with its square: "
+            "a bed at rest on overlaps deeper than 5e-4 d goes on with half the step until they are shallower, three "
+            "times at most; its contacts get stiffer under a tenth of its weight, between walls that are smooth "
+            "meanwhile.",
+            gt=0,
+        ),
+    ] = 0.01,
+    max_time: Annotated[float, option("Time limit, from when the last grain is let go.", "√(d/g)", gt=0)] = 200.0,
+    max_hours: Annotated[float, Note(*NOTES["max_hours"])] = 24.0,
+    history_path: Annotated[str | os.PathLike[str] | None, Note(*NOTES["history_path"])] = None,
+    resume: Annotated[bool, Note(*NOTES["resume"])] = False,
+    progress: Annotated[
+        Callable[[Progress], None] | None,
+        Note("callable, optional", "Called with a `Progress` at every sample."),
+    ] = None,
 ) -> Settled:
-    """Let the grains fall under gravity in their container until they are at rest.
+    """Let grains fall under gravity in their container until they are at rest.
 
     Parameters
     ----------
     packing : Packing
         Grains free of overlap. The domain's floor and side walls are the container, be it a box, a cylinder or a
         hopper; there is no lid. Planar packings move in their plane, and fall along −y.
-    start : {"place", "pour", "rain"}
-        Where grains start. In place they settle into a jigsaw, denser than any random pack, as the tessellation
-        remembers; poured they are rotated, reordered, lifted apart and let go at once; as rain they are let go layer by
-        layer.
-    spheres : bool
-        Whether each grain is replaced by the sphere of equal volume; they must be poured or rained.
-    friction : float, mapping or callable, optional
-        Coefficient of friction [1] among all grains in this run. Or several, which grains keep (`with_frictions`):
-        shares by number, as in ``{0.3: 0.5, 0.6: 0.5}``, or a function of the diameters [m]. By default each grain has
-        its own, or 0.5 where there are none.
-    wall_friction : float or mapping, optional
-        The same with the walls, or with some by name, as in ``{"floor": 0.6}``; else as among grains.
-    mixing : {"max", "min"}
-        Whether the rougher or the smoother of two grains with frictions of their own rules where they touch.
-    rolling_friction : float
-        Coefficient of rolling friction [1]; see `exporters.mjcf.MjcfOptions`.
-    restitution : float, optional
-        Speed after a bounce over that before it [1], 0.3 to 0.7; see `exporters.mjcf.MjcfOptions`. Else next to none.
-    gravity : float
-        Acceleration [m/s²].
-    direction : array_like, shape (3,), optional
-        Where gravity points; it is scaled to length one, and must point toward the floor. Straight down by default.
-    density : float, mapping or callable, optional
-        Densities [kg/m³] instead of the grains' own: one for all, shares by number of several drawn at random, or a
-        function of the diameters [m].
-    drop_height : float, optional
-        How far above the bed below it [m] a grain of rain is let go, so that all fall about as far; by default rain is
-        let go at half the container's height. What is poured falls from where its lattice is.
-    rng : numpy.random.Generator, int or None
-        Source of randomness, or a seed for one, of what is drawn at the start.
-    time_step : float
-        Time step in units of √(d/g), d being the median diameter. The overlap at rest grows with its square, so a bed
-        at rest on overlaps deeper than 5e-4 d goes on with half the step until they are shallower, three times at most.
-        Its contacts get stiffer under a tenth of its weight, between walls that are smooth meanwhile.
-    max_time : float
-        Time limit in units of √(d/g), from when the last grain is let go.
-    max_hours : float
-        A run that would take longer by estimate is refused before its start.
-    history_path : str or path-like, optional
-        HDF5 file that the history is appended to while the run goes, so that an interrupted run keeps what it had.
-    resume : bool
-        Whether to go on from where the run of that history was killed, on the same machine to the same bits as if it
-        had not been; a run that has left no checkpoint starts anew.
-    progress : callable, optional
-        Called with a `Progress` at every sample.
 
     Returns
     -------

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from exporters.check import check_choice
 from grainsdem.errors import InputError, name_offenders
@@ -16,15 +17,12 @@ from grainsdem.model import Domain, Polyhedra
 from grainsdem.packing import shuffle
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import ArrayLike, NDArray
-
     from grainsdem.model import Packing
 
-    Floats = NDArray[np.float64]
+Floats = NDArray[np.float64]
 
-    PerGrain: TypeAlias = float | Mapping[float, float] | Callable[[Floats], ArrayLike]
+PerGrain: TypeAlias = float | Mapping[float, float] | Callable[[Floats], ArrayLike]
+"""One number for all grains, several and their shares by number, or a function of the diameters [m]."""
 
 Start = Literal["place", "pour", "rain"]
 """``place``: where the grains stand, a jigsaw denser than any random pack. ``pour``: rotated, reordered, lifted apart,

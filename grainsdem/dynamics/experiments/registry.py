@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import functools
 import inspect
-import textwrap
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.metadata import entry_points
@@ -16,13 +15,14 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, cast
 
 from pydantic import create_model
 
+from grainsdem.described import Described, documented
 from grainsdem.dynamics.budget import allow
 from grainsdem.dynamics.experiments.rig import Outcome, Trial
 from grainsdem.dynamics.experiments.shared import DEFAULTS, NOTES, Run
 from grainsdem.dynamics.loop import Record
 from grainsdem.dynamics.mechanics import snapshot
 from grainsdem.errors import InputError, MissingPackageError
-from grainsdem.options import STRICT, checked, model_of, notes_of, told_of
+from grainsdem.options import STRICT, checked, model_of, notes_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from pydantic import BaseModel
 
-    from grainsdem.options import Told
     from grainsdem.panels import Panel
 
     Panels = Callable[[Mapping[str, NDArray[Any]], Mapping[str, NDArray[Any]]], Sequence[Panel]]
@@ -61,52 +60,24 @@ P = ParamSpec("P")
 Report = TypeVar("Report")
 
 
-@dataclass(frozen=True, slots=True)
-class Experiment:
-    """An experiment, as everything that offers it sees it.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Experiment(Described):
+    """An experiment: besides what is described of it, how it is drawn and started; its caution is of a single run.
 
     Parameters
     ----------
-    name : str
-        Of the function, the recipe's table and, with dashes, the command.
-    function : callable
-        What users call.
-    options : type of pydantic.BaseModel
-        Frozen model of the options.
     panels : callable
         Given history and profile, the series of both by name, returns the panels of its figure.
     whole : bool
         Whether the whole history is drawn, and not only its second stage.
     needs_seed : bool
         Whether grains are set apart always, so that they cannot start where they are.
-    notes : dict of str to tuple of str
-        Types and sentences of what is no option but how it is run, `NOTES` and its own: only Python has these.
-    caution : str
-        What is said to a person of the report of a single run, or nothing.
     """
 
-    name: str
     function: Callable[..., Outcome[Any]]
-    options: type[BaseModel]
     panels: Panels
     whole: bool
     needs_seed: bool
-    notes: Mapping[str, tuple[str, str]]
-    caution: str = ""
-
-    @property
-    def summary(self) -> str:
-        """First sentence of its documentation."""
-        return (self.function.__doc__ or "").strip().partition("\n")[0]
-
-    @property
-    def title(self) -> str:
-        """Its name as a heading."""
-        return self.name.replace("_", " ").capitalize()
-
-    def told(self) -> list[Told]:
-        """Return what is told of each option."""
-        return [told_of(field, name) for name, field in self.options.model_fields.items()]
 
     def drawn(self, history: Mapping[str, NDArray[Any]], profile: Mapping[str, NDArray[Any]]) -> Sequence[Panel]:
         """Return the panels of its figure; none where the run never came to its second stage."""
@@ -114,24 +85,6 @@ class Experiment:
             return self.panels(history, profile)
         chosen = history["stage"] == 1.0
         return self.panels({name: row[chosen] for name, row in history.items()}, profile) if chosen.any() else ()
-
-    def page(self) -> str:
-        """Return its name, what it does and its options as a section in Markdown."""
-        rows = [
-            f"| `{told.name}` | {told.kind.replace('|', 'or')} | {_shown(told.default)} | {told.unit} | {told.allowed} "
-            f"| {told.help} |"
-            for told in self.told()
-        ]
-        head = (
-            f"## {self.title}\n\n{self.summary} `gd.dynamics.{self.name}`, `grainsdem {self.name.replace('_', '-')}`, "
-        )
-        table = "| option | type | default | unit | range | what it is |\n|---|---|---|---|---|---|\n"
-        below = f"\n{self.caution}\n" if self.caution else ""
-        return f"{head}`[{self.name}]`.\n\n{table}" + "\n".join(rows) + f"\n{below}"
-
-    def schema(self) -> dict[str, Any]:
-        """Return the JSON schema of its options."""
-        return self.options.model_json_schema()
 
 
 _found: dict[str, Experiment] = {}
@@ -182,8 +135,11 @@ def experiment(
 
         signature = _signature(setup, options)
         run.__signature__ = signature  # type: ignore[attr-defined]
-        run.__doc__ = _documented(setup.__doc__ or "", options, notes)
-        _found[name] = Experiment(name, run, options, panels, whole, needs_seed, notes, caution)
+        run.__doc__ = documented(setup.__doc__ or "", options, notes, raises=UNSTABLE)
+        _found[name] = Experiment(
+            name=name, function=run, options=options, notes=notes, caution=caution, panels=panels, whole=whole,
+            needs_seed=needs_seed,
+        )  # fmt: skip
         return run
 
     return decorate
@@ -292,40 +248,3 @@ def _signature(setup: Callable[..., Any], options: type[BaseModel]) -> inspect.S
     noted = [given[name].replace(annotation=kind) for name, (kind, _) in notes_of(setup).items()]
     rest = [inspect.Parameter(name, keyword, default=DEFAULTS[name], annotation=NOTES[name][0]) for name in NOTES]
     return inspect.Signature([*first, *own, *noted, *rest], return_annotation=Outcome)
-
-
-def _documented(text: str, options: type[BaseModel], notes: Mapping[str, tuple[str, str]]) -> str:
-    """Return a docstring with the options behind what its section of parameters says of the packing."""
-    lines = []
-    for name, field in options.model_fields.items():
-        told = told_of(field, name)
-        unit = f" [{told.unit}]" if told.unit else ""
-        allowed = f" ({told.allowed})" if told.allowed else ""
-        lines += [f"{name} : {told.kind}", *_wrapped(f"{told.help.removesuffix('.')}{unit}{allowed}.")]
-    for name, (kind, words) in notes.items():
-        lines += [f"{name} : {kind}", *_wrapped(words)]
-    head, rest = _parted(inspect.cleandoc(text), "Returns")
-    raises, remarks = _parted(rest, "Notes")
-    if "\nParameters\n" not in head:
-        head = f"{head}\n\nParameters\n----------\npacking : Packing\n    The grains."
-    if "Raises\n" not in raises:
-        raises = f"{raises}\n\nRaises\n------".strip()
-    parts = ["\n".join([head, *lines]), "\n".join([raises, *UNSTABLE]), remarks]
-    return "\n\n".join(part for part in parts if part)
-
-
-def _parted(text: str, section: str) -> tuple[str, str]:
-    """Return a docstring before a section, and from there on."""
-    head, mark, tail = text.partition(f"\n\n{section}\n")
-    return head, (mark + tail).strip()
-
-
-def _shown(default: object) -> str:
-    """Return a default as a page shows it."""
-    if default is None:
-        return "–"
-    return f"{default:g}" if isinstance(default, float) else str(default).lower()
-
-
-def _wrapped(words: str) -> list[str]:
-    return textwrap.wrap(words, 116, initial_indent="    ", subsequent_indent="    ")

@@ -45,32 +45,43 @@ NormalStress = Annotated[float, option("Load on the lid over its area.", "Pa", g
 Gravity = Annotated[float, option("Acceleration of gravity.", "m/s²", gt=0)]
 
 
+Spheres = Annotated[bool, option("Replace each grain by the sphere of equal volume.")]
+
+TimeStep = Annotated[float, option("Time step in units of t = √(d/g), or d √(ρ/P) under a pressure P.", gt=0)]
+
+RollingFriction = Annotated[
+    float,
+    option(
+        "Coefficient of rolling friction: a contact resists with a torque of at most this times its normal force "
+        "times d/2, d being the median diameter; heaps of spheres then come to rest, and steps take longer.",
+        ge=0,
+    ),
+]
+
+Mixing = Annotated[
+    Literal["max", "min"],
+    option("Whether the rougher or the smoother of two grains with frictions of their own rules their contact."),
+]
+
+Restitution = Annotated[
+    float | None,
+    option(
+        "Speed of a grain after a bounce over that before it, in all contacts; these are then softer. By default "
+        "they are damped until grains hardly bounce.",
+        ge=LEAST,
+        le=MOST,
+    ),
+]
+
+
 class Run(TypedDict, total=False):
     """How any experiment is run: what each of them takes besides its own options; see `NOTES`."""
 
-    spheres: Annotated[bool, option("Replace each grain by the sphere of equal volume.")]
-    time_step: Annotated[float, option("Time step in units of t = √(d/g), or d √(ρ/P) under a pressure P.", gt=0)]
-    rolling_friction: Annotated[
-        float,
-        option(
-            "Coefficient of rolling friction: a contact resists with a torque of at most this times its normal force "
-            "times d/2, d being the median diameter; heaps of spheres then come to rest, and steps take longer.",
-            ge=0,
-        ),
-    ]
-    mixing: Annotated[
-        Literal["max", "min"],
-        option("Whether the rougher or the smoother of two grains with frictions of their own rules their contact."),
-    ]
-    restitution: Annotated[
-        float | None,
-        option(
-            "Speed of a grain after a bounce over that before it, in all contacts; these are then softer. By default "
-            "they are damped until grains hardly bounce.",
-            ge=LEAST,
-            le=MOST,
-        ),
-    ]
+    spheres: Spheres
+    time_step: TimeStep
+    rolling_friction: RollingFriction
+    mixing: Mixing
+    restitution: Restitution
     rng: np.random.Generator | int | None
     history_path: str | os.PathLike[str] | None
     resume: bool
