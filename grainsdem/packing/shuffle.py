@@ -81,22 +81,52 @@ def shuffle(
     positions = _lattice(int(np.ceil((1 + vacancies) * n)), columns, domain, pitch)
     if len(positions) > n:
         positions = positions[np.sort(generator.choice(len(positions), n, replace=False))]
-    turned = multiply(_turns(n, generator, is_planar=domain.is_planar), packing.quaternions[order])
+    turns = random_turns(n, generator, is_planar=domain.is_planar)
     upper = domain.upper.copy()
     upper[up] = positions[-1, up] + 0.5 * pitch
-    if domain.is_planar:
-        positions[:, 2] = packing.positions[order, 2]
+    room = Domain(domain.lower, upper, is_planar=domain.is_planar, planes=domain.planes)
+    placed = rearranged(packing, order, turns=turns, positions=positions, domain=room)
+    return placed.with_step("shuffle", clearance=clearance, vacancies=vacancies)
+
+
+def rearranged(
+    packing: Packing,
+    order: NDArray[np.int64],
+    *,
+    turns: NDArray[np.float64],
+    positions: NDArray[np.float64],
+    domain: Domain,
+) -> Packing:
+    """Return grains in another order, each turned and somewhere else; planar ones keep to their plane.
+
+    Parameters
+    ----------
+    packing : Packing
+        The grains.
+    order : ndarray of int64, shape (n,)
+        Which grain comes where in the new order.
+    turns : ndarray, shape (n, 4)
+        Rotations in the new order, that are added to those which the grains have.
+    positions : ndarray, shape (n, 3)
+        Where the centroids go [m], in the new order.
+    domain : Domain
+        What is around them.
+    """
+    turned = multiply(turns, packing.quaternions[order])
+    places = positions.copy()
+    if packing.domain.is_planar:
+        places[:, 2] = packing.positions[order, 2]
     return replace(
         packing,
-        grains=grains,
-        positions=positions,
+        grains=select(packing.grains, order)[0],
+        positions=places,
         quaternions=turned / np.linalg.norm(turned, axis=1, keepdims=True),
         densities=packing.densities[order],
         frictions=packing.frictions_of(order),
         classes=packing.classes_of(order),
-        domain=Domain(domain.lower, upper, is_planar=domain.is_planar, planes=domain.planes),
+        domain=domain,
         links=None,
-    ).with_step("shuffle", clearance=clearance, vacancies=vacancies)
+    )
 
 
 def _lattice(n: int, columns: NDArray[np.int64], domain: Domain, pitch: float) -> NDArray[np.float64]:
@@ -123,7 +153,7 @@ def _lattice(n: int, columns: NDArray[np.int64], domain: Domain, pitch: float) -
     raise InputError(f"the domain's planes leave no room to lift {n} grains of {pitch:.4g} m apart")
 
 
-def _turns(n: int, rng: np.random.Generator, *, is_planar: bool) -> NDArray[np.float64]:
+def random_turns(n: int, rng: np.random.Generator, *, is_planar: bool) -> NDArray[np.float64]:
     """Return random rotations, shape (n, 4); in planar work about z alone."""
     if not is_planar:
         return random_quaternions(n, rng)

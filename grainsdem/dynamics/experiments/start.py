@@ -11,9 +11,8 @@ from exporters.mjcf import MjcfOptions
 from exporters.rest import frictions
 from grainsdem.dynamics.starting import as_spheres
 from grainsdem.errors import InputError
-from grainsdem.geometry.rotations import multiply, random_quaternions
-from grainsdem.geometry.selection import select
 from grainsdem.model import Domain, Packing
+from grainsdem.packing.shuffle import random_turns, rearranged
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -113,26 +112,13 @@ def set_apart(packing: Packing, places: Floats, domain: Domain, *, rng: Seed, n_
     """
     generator = np.random.default_rng(rng)
     order = generator.permutation(len(packing))
-    grains, _ = select(packing.grains, order)
-    turned = multiply(_turns(packing, generator), packing.quaternions[order])
+    turns = random_turns(len(packing), generator, is_planar=packing.domain.is_planar)
     drawn = generator.choice(len(places) - n_fixed, len(packing) - n_fixed, replace=False)
     chosen = np.concatenate([np.arange(n_fixed), n_fixed + np.sort(drawn)])
     nudges = generator.uniform(-NUDGE, NUDGE, (len(packing), 3)) * pitch(packing) / (1 + CLEARANCE)
     nudges[:n_fixed] = 0.0
-    positions = places[chosen] + nudges
-    if packing.domain.is_planar:
-        positions[:, 2] = packing.positions[order, 2]
-    return replace(
-        packing,
-        grains=grains,
-        positions=positions,
-        quaternions=turned / np.linalg.norm(turned, axis=1, keepdims=True),
-        densities=packing.densities[order],
-        frictions=packing.frictions_of(order),
-        classes=packing.classes_of(order),
-        domain=domain,
-        links=None,
-    ).with_step("set_apart")
+    placed = rearranged(packing, order, turns=turns, positions=places[chosen] + nudges, domain=domain)
+    return placed.with_step("set_apart")
 
 
 def set_apart_in_block(packing: Packing, *, rng: Seed, lengths: Floats | None = None) -> Packing:
@@ -167,13 +153,3 @@ def set_apart_in_block(packing: Packing, *, rng: Seed, lengths: Floats | None = 
     upper = packing.domain.upper.copy()
     upper[: up + 1] = lower[: up + 1] + counts * spacing
     return set_apart(packing, places, Domain(lower, upper, is_planar=planar), rng=rng)
-
-
-def _turns(packing: Packing, generator: np.random.Generator) -> Floats:
-    """Return random rotations, about z alone in planar work."""
-    if not packing.domain.is_planar:
-        return random_quaternions(len(packing), generator)
-    half = generator.uniform(0.0, np.pi, len(packing))
-    turns = np.zeros((len(packing), 4))
-    turns[:, 0], turns[:, 3] = np.cos(half), np.sin(half)
-    return turns
