@@ -249,6 +249,20 @@ def test_grains_that_run_out_stay_in_a_picture_that_does_not_move(tmp_path):
 
 
 @pytest.mark.unit
+@pytest.mark.parametrize(("gravity", "is_seen"), [(-1.0, False), (0.0, True)])
+def test_what_is_high_above_is_in_the_picture_from_the_first_only_where_nothing_falls(gravity, is_seen, tmp_path):
+    packing = cube_packing([[5.0, 5.0, 1.0]], half=1.0)
+    record = still(packing, 2)
+    record["positions"] = record["positions"].copy()
+    record["positions"][0, 0, 2] = 15.0  # half as high again as the box
+    around = replace(box(0.1, [5.0, 5.0, 1.0], n_frames=2), gravity=np.array([[0.0, 0.0, gravity]] * 2))
+    look = {"size": (90, 120), "n_pictures": 2, "color_by": "layers", "view": "front", "outline": False}
+    first, last = frames(animate(packing, tmp_path / "a.gif", **record, **look, around=around))
+    assert bool((np.ptp(first, axis=2) > 25).any()) is is_seen
+    assert (np.ptp(last, axis=2) > 25).any()
+
+
+@pytest.mark.unit
 @pytest.mark.parametrize(("kind", "axis"), [("layers", 2), ("columns", 0)])
 def test_layers_and_columns_hold_as_many_grains_each_in_their_order(kind, axis):
     rng = np.random.default_rng(3)

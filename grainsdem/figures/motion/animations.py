@@ -130,7 +130,10 @@ def animate(
         )
     shown = _between(moments, since, until)
     chosen = shown.start + _even(moments[shown], n_pictures or max(2, round(seconds * FRAMES_PER_SECOND)))
-    scenes = _scenes(packing, np.asarray(positions), np.asarray(quaternions), chosen, color_by=color_by, view=view)
+    falls = around is None or bool(around.gravity[chosen].any())
+    scenes = _scenes(
+        packing, np.asarray(positions), np.asarray(quaternions), chosen, color_by=color_by, view=view, falls=falls
+    )
     scenes = [scene if outline else scene._replace(outline=None) for scene in scenes]
     if around is not None:
         scenes = surrounded(scenes, around, chosen)
@@ -187,6 +190,7 @@ def _scenes(
     *,
     color_by: str | ArrayLike,
     view: View | None,
+    falls: bool,
 ) -> list[Scene]:
     """Return what each picture shows: one outline, one place for the eye and one scale of colours for all."""
     is_present = np.isfinite(positions[..., 0])
@@ -208,12 +212,13 @@ def _scenes(
     tops = [set_scene(state, "id").upper[up] for state in ends if len(state)]
     upper = first.upper.copy()
     upper[up] = max(tops, default=upper[up])
-    # Grains may run out of what held them; those that fall from above come into the picture.
+    # Grains may run out of what held them; where there is gravity those that fall from above come into the picture.
     reach = 0.5 * float(diameters(packing.grains).max(initial=0.0))
     places = positions[chosen][is_present[chosen]]
     low = np.minimum(first.lower, places.min(axis=0, initial=np.inf) - reach)
     high = np.maximum(upper, places.max(axis=0, initial=-np.inf) + reach)
-    high[up] = upper[up]
+    if falls:
+        high[up] = upper[up]
     container = first.lower, upper
     return [scenes[k]._replace(lower=low, upper=high, outline=container) for k in chosen.tolist()]
 
