@@ -14,6 +14,7 @@ from loading import check_that_it_goes_on
 from exporters import mjcf
 from grainsdem.dynamics import own_part, penetration
 from grainsdem.dynamics.engine import Contacts
+from grainsdem.dynamics.experiments import registry
 from grainsdem.dynamics.experiments.parts.gauge import exerted
 from grainsdem.dynamics.experiments.parts.joined.driving import table_driver
 from grainsdem.dynamics.experiments.parts.joined.fragment import read_fragment
@@ -482,3 +483,27 @@ def test_a_mesh_beside_a_part_stands_where_mujoco_puts_it_and_a_hollow_one_is_wa
     np.testing.assert_allclose(
         corners_in_the_world(ours) * units.length, corners_in_the_world(theirs), atol=1e-5 * units.length
     )
+
+
+@pytest.mark.unit
+def test_what_slides_and_what_turns_are_drawn_apart():
+    names = (
+        "force_x",
+        "force_y",
+        "force_z",
+        "lift",
+        "lift_speed",
+        "lift_force",
+        "pitch",
+        "pitch_speed",
+        "pitch_torque",
+    )
+    series = {name: np.arange(3.0) for name in ("time", "stage", *names)}
+    panels = registry.of(own_part).panels(series, {})
+    assert [(panel.y_label, sorted(panel.curves)) for panel in panels] == [
+        ("force on the part  [N]", ["x", "y", "z"]),
+        ("joints  [m]", ["lift"]),
+        ("joints  [rad]", ["pitch"]),
+    ]
+    still = {name: row for name, row in series.items() if not name.startswith(("lift", "pitch"))}
+    assert len(registry.of(own_part).panels(still, {})) == 1

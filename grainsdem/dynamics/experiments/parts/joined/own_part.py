@@ -111,10 +111,13 @@ def _panels(series: Series, profile: Series) -> list[Panel]:
     del profile
     time = series["time"]
     forces = {name[-1]: (time, series[name]) for name in ("force_x", "force_y", "force_z")}
-    ends = ("_speed", "_force", "_torque")
-    joints = {name: (time, row) for name, row in series.items() if name not in FIXED and not name.endswith(ends)}
     panels = [Panel("time  [s]", "force on the part  [N]", forces)]
-    return [*panels, Panel("time  [s]", "joints  [m, rad]", joints)] if joints else panels
+    for reaction, label in (("_force", "joints  [m]"), ("_torque", "joints  [rad]")):  # what slides, and what turns
+        joints = {
+            name: (time, row) for name, row in series.items() if name not in FIXED and f"{name}{reaction}" in series
+        }
+        panels += [Panel("time  [s]", label, joints)] if joints else []
+    return panels
 
 
 @experiment(panels=_panels)
