@@ -22,10 +22,10 @@ def make_prisms(n: int) -> gd.Packing:
 
 
 def main() -> None:
-    """Print angles and mixing of each speed, draw them, and show one of the drums turning."""
+    """Print angles and mixing of each speed, and draw them."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="few prisms, one speed, no animation")
-    parser.add_argument("--output", type=Path, default=Path(), help="folder for the figure and the animation")
+    parser.add_argument("--quick", action="store_true", help="few prisms, one speed")
+    parser.add_argument("--output", type=Path, default=Path(), help="folder for the figure")
     arguments = parser.parse_args()
     n, froude_numbers, turns = (25, (0.03,), 0.1) if arguments.quick else (100, (1e-2, 5e-2, 0.2), 1.0)
     grains = make_prisms(n)
@@ -33,8 +33,7 @@ def main() -> None:
     angles, spreads, mixed = [], [], {}
     for froude in froude_numbers:
         period = 2 * np.pi * np.sqrt(radius / 9.81 / froude)
-        history = arguments.output / f"drum_{froude:g}.h5"
-        outcome = gd.drum(grains, period=period, turns=turns, rng=1, history_path=history)
+        outcome = gd.drum(grains, period=period, turns=turns, rng=1)
         report = outcome.report
         print(
             f"Froude number {froude:g} ({report.regime}): {np.degrees(report.dynamic_angle):.1f}° ± "
@@ -45,14 +44,6 @@ def main() -> None:
         spreads.append(np.degrees(report.dynamic_angle_spread))
         turning = outcome.history["stage"] == 1.0
         mixed[f"Fr = {froude:g}"] = outcome.history["turns"][turning], outcome.history["mixing"][turning]
-        if froude == 1e-2:
-            motion = gd.load_motion(history)
-            at = int(np.searchsorted(motion["times"], outcome.history["time"][turning][0]))
-            kinds = (motion["positions"][at, :, 0] > 0).astype(float)
-            shown = {name: values[at:] for name, values in motion.items()}
-            path = arguments.output / "drum.gif"
-            gd.figures.animate(outcome.packing, path, **shown, color_by=kinds, size=(280, 220), seconds=2.5)
-            print(f"moving in {path}")
     curves = [
         Panel("logarithm of the Froude number", "angle  [°]", {}, {"": (np.log10(froude_numbers), np.array(angles))}),
         Panel("turns", "mixing index", mixed),

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import re
+import runpy
 from pathlib import Path
 
 import pytest
+from PIL import Image
+
+from grainsdem.dynamics.experiments import registry
 
 pytestmark = pytest.mark.unit
 
@@ -41,6 +45,22 @@ def test_pictures_of_the_gallery_are_light_and_all_of_them_are_shown():
     shown = {target.resolve() for page in PAGES for target in targets(page)}
     assert {path.name for path in pictures - shown} == set()
     assert {path.name for path in pictures if path.stat().st_size > 1_000_000} == set()
+
+
+def test_every_experiment_is_shown_in_motion_by_a_light_animation(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "examples"))
+    names = runpy.run_path(str(ROOT / "examples" / "animations.py"))["EXPERIMENTS"]
+    modes = {"press", "drop", "roll"}  # those of penetration
+    assert {*names} - modes == {"settle", *registry.BUILT_IN} - {"penetration"}
+    folder = ROOT / "docs" / "images" / "motion"
+    assert {path.stem for path in folder.glob("*.gif")} == {*names}
+    shown = {target.resolve() for page in PAGES for target in targets(page)}
+    assert {path.name for path in folder.iterdir() if path.resolve() not in shown} == set()
+    for path in folder.glob("*.gif"):
+        assert path.stat().st_size <= 700_000, path.name
+        with Image.open(path) as animation:
+            assert animation.size[0] == 360
+            assert 10 < animation.n_frames <= 40
 
 
 def color_type(picture):
