@@ -168,6 +168,14 @@ def poured(fresh):
     return shuffle(fresh, rng=5)
 
 
+@pytest.fixture(params=["opengl", "painter"])
+def backend(request, monkeypatch):
+    """Draw by what works here, and as on a machine without any OpenGL."""
+    if request.param == "painter":
+        monkeypatch.setattr("grainsdem.figures.renders.find_window", lambda: None)
+    return request.param
+
+
 @pytest.fixture(scope="session")
 def cube():
     """One cube of edge 2, as a packing in a box of edge 4 whose floor it does not touch."""

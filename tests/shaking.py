@@ -23,7 +23,14 @@ from grainsdem.dynamics import scene
 MOVE = 1e-9
 """How far each coordinate of a start is moved, up or down [d]: the last digit that the text of a model has."""
 
-MOVING = ("test_dynamics", "test_chain", "test_cli_experiments", "test_recipe_experiments", "test_recipe_replays")
+MOVING = (
+    "test_dynamics",
+    "test_figures_surroundings",
+    "test_chain",
+    "test_cli_experiments",
+    "test_recipe_experiments",
+    "test_recipe_replays",
+)
 """How the names of those modules begin that are shaken."""
 
 

@@ -7,7 +7,7 @@ import pytest
 from conftest import cube_packing
 
 from grainsdem.errors import FileFormatError, InputError, MissingPackageError, ShapeError, WriteError
-from grainsdem.figures import coordination_histogram, energy_plot, render, renders, size_histogram, windows
+from grainsdem.figures import coordination_histogram, energy_plot, render, size_histogram, windows
 from grainsdem.figures.scene import EYE
 from grainsdem.model import ContactGraph, Domain, Packing, Polyhedra
 
@@ -41,14 +41,6 @@ def test_a_render_of_a_bed_has_its_size_a_white_ground_and_many_shades(fresh, tm
     share = is_ink(image).mean()
     assert 0.15 < share < 0.7
     assert len(np.unique((image * 255).astype(np.uint8).reshape(-1, 3), axis=0)) > 500
-
-
-@pytest.fixture(params=["opengl", "painter"])
-def backend(request, monkeypatch):
-    """Draw by what works here, and as on a machine without any OpenGL."""
-    if request.param == "painter":
-        monkeypatch.setattr(renders, "find_window", lambda: None)
-    return request.param
 
 
 @pytest.mark.client

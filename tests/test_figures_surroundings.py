@@ -17,7 +17,7 @@ from grainsdem.dynamics import drum
 from grainsdem.dynamics.around import bodies_of, places_of
 from grainsdem.dynamics.scene import equip, scene_of
 from grainsdem.errors import InputError, ShapeError
-from grainsdem.figures import animate, render, renders
+from grainsdem.figures import animate, render
 from grainsdem.figures.scene import set_scene
 from grainsdem.model import Domain, Surroundings
 from grainsdem.storage import HistoryWriter, load_history, load_surroundings, save
@@ -172,14 +172,6 @@ def test_surroundings_whose_triangles_have_no_corners_are_refused():
         replace(good, triangles=np.array([[0, 1, 8]]))
     with pytest.raises(ShapeError, match=r"positions must have shape \(1, 1, 3\)"):
         replace(good, positions=np.zeros((2, 1, 3)))
-
-
-@pytest.fixture(params=["opengl", "painter"])
-def backend(request, monkeypatch):
-    """Draw by what works here, and as on a machine without any OpenGL."""
-    if request.param == "painter":
-        monkeypatch.setattr(renders, "find_window", lambda: None)
-    return request.param
 
 
 @pytest.mark.client
