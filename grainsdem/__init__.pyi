@@ -112,7 +112,7 @@ from .packing import (
     subset,
     throat_widths,
 )
-from .shapes import pack
+from .shapes import pack, scatter
 from .storage import load, load_history, load_motion, load_moved, load_surroundings, save
 from .tessellation import (
     GradedCells,
@@ -233,6 +233,7 @@ __all__ = [
     "resize",
     "ring_shear",
     "save",
+    "scatter",
     "section",
     "section_profile",
     "section_summary",

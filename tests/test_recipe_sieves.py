@@ -145,7 +145,10 @@ def test_sheets_without_a_meaning_get_one_line(table, words):
 
 def test_sieves_go_with_no_other_size_and_no_gap(tmp_path):
     for grains, words in (
-        ({"porosity": 0.4, "sizes": {"diameters": [1.0, 2.0]}}, "give sizes or sieves, not both"),
+        (
+            {"porosity": 0.4, "sizes": {"diameters": [1.0, 2.0]}},
+            "give one of sizes, sieves and layers; got sizes, sieves",
+        ),
         ({"gap": 1e-5}, "give sieves or gap"),
         ({"porosity": 0.4, "median_diameter": 1e-3}, "leave out median_diameter"),
     ):

@@ -187,3 +187,34 @@ def test_odd_input_is_refused_in_a_line(kinds):
             gd.pack(kinds, 1.0, n=3, **options)
     with pytest.raises(ShapeError, match="a list of diameters, or one diameter or law and n"):
         gd.pack(cube, 1.0)
+
+
+@pytest.mark.unit
+def test_scattered_grains_are_the_beds_and_take_little_room():
+    domain = Domain.cube()
+    wide = gd.Grading([0.5e-3, 1e-3, 2e-3, 4e-3], [0.0, 0.25, 0.6, 1.0])
+    found = gd.graded_cells(domain, wide, n=500, keep="all", relaxations=1, rng=1)
+    bed = gd.resize(gd.shrink(gd.carve(found.cells, keep="all"), porosity=0.45), diameters=found.diameters)
+    bed = replace(bed, densities=np.linspace(1000.0, 3000.0, len(bed)), classes=np.arange(len(bed)) % 3)
+    loose = gd.scatter(bed, rng=1)
+    assert gd.validate(loose, method="manifold3d").ok
+    assert loose.grains.vertices.tobytes() == bed.grains.vertices.tobytes()
+    assert loose.densities.tolist() == bed.densities.tolist()
+    assert loose.classes.tolist() == bed.classes.tolist()
+    assert loose.links is None
+    # At three tenths of solid where the bed has 0.55; a lattice of the largest grain is a tower.
+    assert _filled(loose) > 0.25
+    assert loose.domain.lengths[2] < 2.2 * bed.domain.lengths[2] < gd.shuffle(bed, rng=1).domain.lengths[2] / 5
+    np.testing.assert_array_equal(gd.scatter(bed, rng=1).positions, loose.positions)
+    assert (gd.scatter(bed, rng=2).positions != loose.positions).any()
+
+
+@pytest.mark.unit
+def test_nothing_and_prisms_are_not_scattered(bed):
+    with pytest.raises(InputError, match="nothing to scatter"):
+        gd.scatter(gd.subset(bed, []))
+    slab = Domain.slab((1.0, 1.0), 0.1)
+    with pytest.raises(InputError, match="the domain is a slab"):
+        gd.scatter(gd.carve(gd.tessellate(gd.points.poisson(slab, 30, rng=1), slab)))
+    with pytest.raises(InputError, match=r"solid_fraction must lie in \(0, 0\.6\); got 0\.7"):
+        gd.scatter(bed, solid_fraction=0.7)

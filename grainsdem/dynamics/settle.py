@@ -75,7 +75,8 @@ def settle(
         Start,
         option(
             "Where grains start: poured they are rotated, reordered, lifted apart and let go at once; as rain they are "
-            "let go layer by layer; in place they settle into a jigsaw, denser than any random pack, as the "
+            "let go layer by layer; scattered they fall from random places just above the floor, small grains between "
+            "large ones, in space; in place they settle into a jigsaw, denser than any random pack, as the "
             "tessellation remembers.",
         ),
     ] = "place",

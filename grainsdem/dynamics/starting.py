@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +15,7 @@ from grainsdem.geometry.integrals import volumes
 from grainsdem.measures import diameters
 from grainsdem.model import Domain, Polyhedra
 from grainsdem.packing import shuffle
+from grainsdem.shapes import scatter
 
 if TYPE_CHECKING:
     from grainsdem.model import Packing
@@ -24,9 +25,10 @@ Floats = NDArray[np.float64]
 PerGrain: TypeAlias = float | Mapping[float, float] | Callable[[Floats], ArrayLike]
 """One number for all grains, several and their shares by number, or a function of the diameters [m]."""
 
-Start = Literal["place", "pour", "rain"]
+Start = Literal["place", "pour", "rain", "scatter"]
 """``place``: where the grains stand, a jigsaw denser than any random pack. ``pour``: rotated, reordered, lifted apart,
-and let go at once. ``rain``: the same, but let go layer by layer as they come down at a steady speed."""
+and let go at once. ``rain``: the same, but let go layer by layer as they come down at a steady speed. ``scatter``:
+rotated, and let go from random places just above the floor, small grains between large ones (`scatter`); in space."""
 
 _CLEARANCE = 0.02
 """Smallest gap between grains lifted apart, relative to the largest one's circumscribed diameter."""
@@ -61,7 +63,7 @@ def begin(
     ----------
     packing : Packing
         The grains.
-    start : {"place", "pour", "rain"}
+    start : {"place", "pour", "rain", "scatter"}
         See `Start`.
     spheres : bool
         Whether each is replaced by the sphere of equal volume (`as_spheres`).
@@ -75,7 +77,7 @@ def begin(
     rng : numpy.random.Generator, int or None
         Source of randomness, or a seed for one.
     """
-    check_choice("start", start, ("place", "pour", "rain"))
+    check_choice("start", start, get_args(Start))
     if drop_height is not None:
         if start != "rain":
             raise InputError(
@@ -87,7 +89,9 @@ def begin(
     generator = np.random.default_rng(rng)
     if spheres:
         packing = as_spheres(packing)
-    if start != "place":
+    if start == "scatter":
+        packing = scatter(packing, rng=generator)
+    elif start != "place":
         vacancies = _VACANCIES if _are_alike(packing) else 0.0
         packing = shuffle(packing, rng=generator, clearance=_CLEARANCE, vacancies=vacancies)
         packing = _nudged(packing, generator) if spheres else packing

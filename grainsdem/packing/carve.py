@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from grainsdem.errors import InputError, name_offenders
+from grainsdem.errors import InputError, ShapeError, name_offenders
 from grainsdem.geometry.forms.sizes import sphere_diameters, weighted_percentiles
 from grainsdem.geometry.integrals import face_planes, integrate
 from grainsdem.geometry.rotations import identity_quaternions
@@ -29,6 +29,7 @@ def carve(
     *,
     keep: Literal["inside", "all"] = "inside",
     density: ArrayLike = QUARTZ_DENSITY,
+    classes: ArrayLike | None = None,
 ) -> Packing:
     """Return the cells as grains that still touch: porosity zero, ready to be shrunk.
 
@@ -41,6 +42,8 @@ def carve(
         planar domain's slab are no walls: every cell touches both.
     density : array_like, shape () or (n_cells,)
         Density [kg/m³].
+    classes : array_like of int, shape (n_cells,), optional
+        What the grain of each cell is one of: its layer, say.
 
     Returns
     -------
@@ -51,6 +54,8 @@ def carve(
     ------
     InputError
         If no cell is left, ``keep`` is unknown, or a density is not positive and finite.
+    ShapeError
+        If there is not one class for each cell.
 
     Notes
     -----
@@ -91,7 +96,16 @@ def carve(
         densities[kept],
         cells.domain,
         CellLinks(neighbors, cells.shifts[faces], measured.volumes, cells.sites[kept], face_planes(grains).heights),
+        classes=None if classes is None else _each(classes, len(cells))[kept],
     ).with_step("carve", keep=keep, n_cells=len(cells), n_grains=int(kept.size))
+
+
+def _each(classes: ArrayLike, n: int) -> NDArray[np.int32]:
+    """Return the classes of all cells, shape (n,)."""
+    found = np.asarray(classes)
+    if found.shape != (n,):
+        raise ShapeError(f"there must be one class for each of the {n} cells; got shape {found.shape}")
+    return found.astype(np.int32)
 
 
 def _tell_what_is_lost(cells: Tessellation, kept: NDArray[np.int64]) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from grainsdem.errors import InputError
 from grainsdem.packing.carve import unwarned
-from grainsdem.recipe.grains import laid_out, shape, size_ratio, sized
+from grainsdem.recipe.grains import Layers, laid_out, shape, size_ratio, sized
 from grainsdem.recipe.seeds import place
 from grainsdem.recipe.words import Monitor, Silent, counting_words
 from grainsdem.tessellation import relax, shaped_cells, tessellate
@@ -92,7 +92,9 @@ def _grown(
         cells = growth.grow(domain, None)
     else:
         cells, _ = shaped_cells(domain, grains.axes.shape(), growth.grow, keep=grains.keep)
-    packing = shape(grains, cells, stream(recipe, _THROATS), wanted=growth.wanted, is_scaled=is_scaled)
+    packing = shape(
+        grains, cells, stream(recipe, _THROATS), wanted=growth.wanted, classes=growth.classes, is_scaled=is_scaled
+    )
     return packing, growth.wanted
 
 
@@ -102,6 +104,7 @@ class _Growth:
     def __init__(self, recipe: Recipe, seeds: NDArray[np.float64], monitor: Monitor, *, is_pilot: bool) -> None:
         self._recipe, self._seeds, self._monitor, self._is_pilot = recipe, seeds, monitor, is_pilot
         self.wanted: NDArray[np.float64] | None = None
+        self.classes: NDArray[np.int32] | None = None
 
     def grow(self, domain: Domain, metric: Metric | None) -> Tessellation:
         """Return the cells; ``wanted`` are the diameters [m] asked of them, if any."""
@@ -116,17 +119,19 @@ class _Growth:
                     progress=lambda done: tell(done / total, f"iteration {done} of {total}"),
                 )
         with monitor.stage("Growing grains") as tell:
-            if recipe.grains.prescribed is None:
+            asked = recipe.grains.prescribed
+            if asked is None:
                 return tessellate(seeds, domain)
-            cells, self.wanted = sized(
-                recipe.grains.prescribed,
-                seeds,
-                domain,
-                stream(recipe, _SIZES),
-                keep=None if self._is_pilot else recipe.grains.keep,
-                metric=metric,
-                progress=lambda done, off: tell(done / (done + 1), f"round {done}, curve off by {100 * off:.2g} %"),
-            )
+
+            def told(done: int, off: float) -> None:
+                tell(done / (done + 1), f"round {done}, curve off by {100 * off:.2g} %")
+
+            rng, keep = stream(recipe, _SIZES), None if self._is_pilot else recipe.grains.keep
+            if isinstance(asked, Layers):
+                found = asked.cells(domain, len(seeds), rng, keep=keep, metric=metric, progress=told)
+                cells, self.wanted, self.classes = found
+            else:
+                cells, self.wanted = sized(asked, seeds, domain, rng, keep=keep, metric=metric, progress=told)
             return cells
 
 
@@ -160,7 +165,9 @@ def _room(recipe: Recipe, power: int) -> float:
     if grains.diameter is not None:
         mean = grains.diameter[1] ** power
     elif grains.prescribed is not None:
-        mean = float((grains.prescribed.draw(4096, stream(recipe, _SIZES)) ** power).mean())
+        asked, rng = grains.prescribed, stream(recipe, _SIZES)
+        drawn = asked.draw_in(domain, 4096, rng) if isinstance(asked, Layers) else asked.draw(4096, rng)
+        mean = float((drawn**power).mean())
     else:
         raise InputError("the number of seeds follows from a size only")
     room = float(volume / mean * (4 / np.pi if domain.is_planar else 6 / np.pi))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import tomllib
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeVar, get_args
 
 from pydantic import BaseModel, Field, ValidationError, create_model, model_serializer, model_validator
 
@@ -15,7 +15,7 @@ from grainsdem.options import explained
 from grainsdem.recipe.base import Table
 from grainsdem.recipe.domain import DomainTable
 from grainsdem.recipe.experiments.tables import experiment_tables
-from grainsdem.recipe.grains import GrainsTable
+from grainsdem.recipe.grains import GrainsTable, LayerTable
 from grainsdem.recipe.motion import SettleTable
 from grainsdem.recipe.seeds import SeedsTable
 from grainsdem.recipe.views.tables import PlanformTable, SectionTable, VoxelsTable
@@ -37,6 +37,9 @@ RENAMED = {"shear": "a ring is [ring_shear], a box of two halves [direct_shear]"
 
 EXAMPLE = Path(__file__).parent.parent / "angular_sand.toml"
 """The demo's recipe: an angular quartz sand of ASTM 20/30 grading."""
+
+
+_Sized = TypeVar("_Sized", GrainsTable, LayerTable)
 
 
 class OutputTable(Table):
@@ -170,6 +173,16 @@ class Recipe(Table):
         return self
 
     @model_validator(mode="after")
+    def _layers_have_their_own_seeds(self) -> Self:
+        if self.grains.layer and (self.seeds.process != "poisson" or self.seeds.relax):
+            given = f"relax = {self.seeds.relax}" if self.seeds.relax else f"process {self.seeds.process!r}"
+            raise ValueError(
+                "each layer has seeds of its own, as many as its grains: process 'poisson', and relaxations in the "
+                f"layers' sizes or sieves; got {given}"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _rng_has_a_use(self) -> Self:
         """Refuse an rng that would change nothing: beds that differ by it alone would be copies of one."""
         later = (self.settle, self.planform, *self.experiments().values())
@@ -241,15 +254,22 @@ def read(path: str | os.PathLike[str]) -> Recipe:
     recipe = recipe.model_copy(update={"seeds": recipe.seeds.beside(path.parent)})
     tables = {name: table.beside(path.parent) for name, table in recipe.experiments().items() if table is not None}
     recipe = recipe.model_copy(update=tables)
-    for name in ("sizes", "sieves"):
-        table = getattr(recipe.grains, name)
-        if table is not None and table.path is not None:
-            table = table.model_copy(update={"path": str(path.parent / table.path)})
-            recipe = recipe.model_copy(update={"grains": recipe.grains.model_copy(update={name: table})})
+    recipe = recipe.model_copy(update={"grains": _found_beside(recipe.grains, path.parent)})
+    layers = tuple(_found_beside(layer, path.parent) for layer in recipe.grains.layer)
+    recipe = recipe.model_copy(update={"grains": recipe.grains.model_copy(update={"layer": layers})})
     if recipe.grains.shapes is not None:
         shapes = recipe.grains.shapes.beside(path.parent)
         recipe = recipe.model_copy(update={"grains": recipe.grains.model_copy(update={"shapes": shapes})})
     return recipe
+
+
+def _found_beside(table: _Sized, folder: Path) -> _Sized:
+    """Return a table whose files of sizes are those in a folder."""
+    for name in ("sizes", "sieves"):
+        sizes = getattr(table, name)
+        if sizes is not None and sizes.path is not None:
+            table = table.model_copy(update={name: sizes.model_copy(update={"path": str(folder / sizes.path)})})
+    return table
 
 
 def parse(text: str) -> Recipe:

@@ -1,7 +1,7 @@
 """Grains that do not come from cells: named solids, random rocks, scans."""
 
 from grainsdem.shapes.ellipsoids import ellipsoid, superellipsoid
-from grainsdem.shapes.pouring import pack
+from grainsdem.shapes.pouring import pack, scatter
 from grainsdem.shapes.rocks import rock
 from grainsdem.shapes.scans import Scans, read
 from grainsdem.shapes.sizing import sized, together
@@ -17,6 +17,7 @@ __all__ = [
     "prism",
     "read",
     "rock",
+    "scatter",
     "sized",
     "superellipsoid",
     "together",

@@ -165,7 +165,9 @@ def _find_beside(folder: Path, tables: dict[str, Any]) -> None:
     grains = tables.get("grains")
     seeds = tables.get("seeds")
     own = list(seeds.values()) if isinstance(seeds, dict) else []  # tables of processes are among them
-    named = [grains.get(name) for name in ("sizes", "sieves")] if isinstance(grains, dict) else []
+    layers = grains.get("layer", []) if isinstance(grains, dict) else []
+    holders = [holder for holder in (grains, *layers) if isinstance(holder, dict)]
+    named = [holder.get(name) for holder in holders for name in ("sizes", "sieves")]
     for table in (seeds, *own, *named):
         if isinstance(table, dict):
             files = {key: table[key] for key in ("path", "parents") if isinstance(table.get(key), str)}

@@ -113,61 +113,97 @@ def graded_cells(
     ConvergenceError
         If the curve does not come within the tolerance; neither is raised of that where not ``strict``.
     """
-    if not 0 < tolerance < 1:
-        raise InputError(f"tolerance must lie between 0 and 1; got {tolerance}")
-    generator = np.random.default_rng(rng)
-    wish = _Wish(curve, domain, metric)
     count = n if seeds is None else len(np.asarray(seeds))
     if count is None:
         raise InputError("give n, the number of cells, or seeds")
+    generator = np.random.default_rng(rng)
+    wish = Wish(curve, domain, metric)
     diameters = generator.permutation(wish.draw(count, None, tolerance=None))
-    cells = sized_cells(domain, diameters, seeds=seeds, tolerance=SHARPEST, relaxations=relaxations, rng=generator)
+    start = sized_cells(domain, diameters, seeds=seeds, tolerance=SHARPEST, relaxations=relaxations, rng=generator)
+    groups = np.zeros(count, dtype=np.int32)
+    options = Rounds(keep, tolerance, strict, progress)
+    return regraded(GradedCells(start, diameters, np.inf), [wish], groups, options)
+
+
+class Rounds(NamedTuple):
+    """How cells are graded: which are kept, how near is near enough, and who is told."""
+
+    keep: Literal["inside", "all"]
+    tolerance: float
+    strict: bool
+    progress: Callable[[int, float], None] | None
+
+
+def regraded(start: GradedCells, wishes: list[Wish], groups: NDArray[np.int32], options: Rounds) -> GradedCells:
+    """Return cells given sizes anew until those of each group that are kept have the group's curve.
+
+    Parameters
+    ----------
+    start : GradedCells
+        Cells, and the diameters [m] that were asked of them.
+    wishes : list of Wish
+        What is asked for of each group.
+    groups : ndarray of int32, shape (n,)
+        The group of each cell.
+    options : Rounds
+        See there. Errors are those of `graded_cells`.
+    """
+    if not 0 < options.tolerance < 1:
+        raise InputError(f"tolerance must lie between 0 and 1; got {options.tolerance}")
+    cells, diameters, _ = start
     best: GradedCells | None = None
     last = 0
     for done in range(1, ROUNDS + 1):
-        kept = np.ones(len(cells), dtype=bool) if keep == "all" else ~cells.touch_walls()
-        if not kept.any():
-            raise InputError(f"all {len(cells)} cells touch a wall; use more seeds, a periodic domain or keep='all'")
-        found = wish.measure(cells, diameters)
-        deviation = wish.deviation(found, kept)
+        kept = np.ones(len(cells), dtype=bool) if options.keep == "all" else ~cells.touch_walls()
+        members = [kept & (groups == k) for k in range(len(wishes))]
+        if not all(rows.any() for rows in members):
+            raise InputError(
+                f"all {len(cells)} cells{' of a layer' if len(wishes) > 1 else ''} touch a wall; use more seeds, a "
+                "periodic domain or keep='all'"
+            )
+        scale = _scale(cells, diameters)
+        holes = next((wish.holes(cells.cells) for wish in wishes if wish.is_sieve), None)
+        found = [wish.measure(cells, scale, holes) for wish in wishes]
+        deviation = max(wish.deviation(each, rows) for wish, each, rows in zip(wishes, found, members, strict=True))
         LOG.debug("round %d: %d of %d cells stay, curve off by %.3g", done, kept.sum(), len(cells), deviation)
-        if progress is not None:
-            progress(done, deviation)
+        if options.progress is not None:
+            options.progress(done, deviation)
         if best is None or deviation < best.deviation:
             best, last = GradedCells(cells, diameters, deviation), done
-        if deviation <= tolerance:
+        if deviation <= options.tolerance:
             return best
-        if not strict and done - last > PATIENCE:
+        if not options.strict and done - last > PATIENCE:
             break
-        diameters = _given_anew(wish, diameters, found, kept, tolerance if strict else None)
+        # Those at walls keep their sizes: a cell that shrank there would leave the wall, be kept, and grow back to it.
+        diameters = diameters.copy()
+        for wish, each, rows in zip(wishes, found, members, strict=True):
+            ranked = np.flatnonzero(rows)[np.argsort(each.sizes[rows], kind="stable")]
+            ratios = each.ratios[ranked]
+            drawn = wish.draw(ranked.size, ratios, tolerance=options.tolerance if options.strict else None)
+            diameters[ranked] = drawn / ratios
         cells = resized_cells(cells, diameters, tolerance=SHARPEST)
-    if best is None or strict:
+    if best is None or options.strict:
         raise ConvergenceError(
             f"the curve came within {100 * (best.deviation if best else 1):.3g} % of the one asked for in {ROUNDS} "
-            f"rounds, not {100 * tolerance:.3g} %: more seeds come nearer"
+            f"rounds, not {100 * options.tolerance:.3g} %: more seeds come nearer"
         )
     LOG.warning(
         "the grains have the curve asked for within %.2g %%, not %.2g %%: more seeds come nearer",
-        100 * best.deviation, 100 * tolerance,
+        100 * best.deviation, 100 * options.tolerance,
     )  # fmt: skip
     return best
 
 
-def _given_anew(
-    wish: _Wish, diameters: Floats, found: _Measured, kept: NDArray[np.bool_], tolerance: float | None
-) -> Floats:
-    """Return diameters [m] that give the kept cells the curve, in the order of the sizes that they have.
-
-    Those at walls keep theirs: a cell that shrank there would leave the wall, and be kept, and grow to the wall again.
-    """
-    anew = diameters.copy()
-    rows = np.flatnonzero(kept)
-    rows = rows[np.argsort(found.sizes[rows], kind="stable")]
-    anew[rows] = wish.draw(rows.size, found.ratios[rows], tolerance=tolerance) / found.ratios[rows]
-    return anew
+def _scale(cells: Tessellation, diameters: Floats) -> float:
+    """Return how much larger the grains asked for are than the cells, which fill the domain: in length."""
+    content = float(volumes(cells.cells).sum())
+    if cells.domain.is_planar:
+        area = content / float(cells.domain.lengths[2])
+        return float(np.sqrt(0.25 * np.pi * (diameters * diameters).sum() / area))
+    return float(cube_roots(np.pi / 6 * raised(diameters, 3).sum() / content))
 
 
-class _Measured(NamedTuple):
+class Measured(NamedTuple):
     """Size [m] of each cell on the scale of what was asked for, that over its equal-volume diameter, and its mass."""
 
     sizes: Floats
@@ -175,7 +211,7 @@ class _Measured(NamedTuple):
     masses: Floats
 
 
-class _Wish:
+class Wish:
     """What is asked for: a grading by mass, or a law by number, in a domain."""
 
     def __init__(self, curve: Grading | Law, domain: Domain, metric: Metric | None) -> None:
@@ -189,22 +225,19 @@ class _Wish:
             return self._curve.draw(n, power=self._power, ratios=ratios, tolerance=tolerance)
         return np.asarray(self._curve.ppf((np.arange(n) + 0.5) / n), dtype=np.float64)
 
-    def measure(self, cells: Tessellation, diameters: Floats) -> _Measured:
-        """Return what the cells are, scaled so that in all they have the diameters asked for."""
+    def measure(self, cells: Tessellation, scale: float, holes: Floats | None) -> Measured:
+        """Return what the cells are once they are as many times larger; ``holes`` [m] are those that they pass."""
         content = volumes(cells.cells)
         if self._is_planar:
             own = np.sqrt(content / (0.25 * np.pi * self._thickness))
         else:
             own = cube_roots(content * (6 / np.pi))
-        masses = raised(own, self._power)
-        ratio = raised(diameters, self._power).sum() / masses.sum()
-        scale = float(np.sqrt(ratio) if self._is_planar else cube_roots(ratio))
         ratios = np.ones(len(own))
-        if isinstance(self._curve, Grading) and self._curve.diameter == "sieve":
-            ratios = self._passed(cells.cells) / own
-        return _Measured(ratios * own * scale, ratios, masses)
+        if self.is_sieve and holes is not None:
+            ratios = holes / own
+        return Measured(ratios * own * scale, ratios, raised(own, self._power))
 
-    def deviation(self, found: _Measured, kept: NDArray[np.bool_]) -> float:
+    def deviation(self, found: Measured, kept: NDArray[np.bool_]) -> float:
         """Return how far the curve of the kept cells is from the one asked for."""
         sizes, masses = found.sizes[kept], found.masses[kept]
         if isinstance(self._curve, Grading):
@@ -219,7 +252,13 @@ class _Wish:
         wanted = np.cumsum(raised(asked, self._power))[:-1] / raised(asked, self._power).sum()
         return float(max(by_number.max(initial=0.0), np.abs(running[place] - wanted).max(initial=0.0)))
 
-    def _passed(self, shapes: Polyhedra) -> Floats:
+    @property
+    def is_sieve(self) -> bool:
+        """Whether sizes are holes that grains pass."""
+        return isinstance(self._curve, Grading) and self._curve.diameter == "sieve"
+
+    def holes(self, shapes: Polyhedra) -> Floats:
+        """Return the size [m] of the smallest hole that each cell passes; of the narrowest slit in a plane."""
         if self._metric is not None:
             shapes = self._metric.stretched_shapes(shapes)
         if self._is_planar:

@@ -1,5 +1,6 @@
 """``[grains]``: what the cells become, and the sizes that they are to have."""
 
+from grainsdem.recipe.grains.layers import Layers, LayerTable
 from grainsdem.recipe.grains.shapes import ShapesTable, laid_out
 from grainsdem.recipe.grains.sieves import SievesTable
 from grainsdem.recipe.grains.sizes import SizesTable, sized
@@ -8,6 +9,8 @@ from grainsdem.recipe.grains.table import AxesTable, GrainsTable, ThroatsTable, 
 __all__ = [
     "AxesTable",
     "GrainsTable",
+    "LayerTable",
+    "Layers",
     "ShapesTable",
     "SievesTable",
     "SizesTable",

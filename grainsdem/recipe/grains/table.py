@@ -23,6 +23,7 @@ from grainsdem.packing import (
 )
 from grainsdem.packing.carve import unwarned
 from grainsdem.recipe.base import Coefficient, Fraction, Positive, Table
+from grainsdem.recipe.grains.layers import Layers, LayerTable
 from grainsdem.recipe.grains.shapes import ShapesTable
 from grainsdem.recipe.grains.sieves import SievesTable
 from grainsdem.recipe.grains.sizes import SizesTable
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
 
 Corner = tuple[float, float, float]
 
-_OF_CELLS = ("sieves", "axes")
+_OF_CELLS = ("sieves", "layer", "axes")
 """Tables that say what cells become."""
 
 VOIDS = ("porosity", "solid_fraction", "void_ratio", "scale", "gap", "relation")
@@ -130,8 +131,8 @@ class GrainsTable(Table):
         the whole bed is scaled to it, and only the domain's proportions count; without, the count follows.
     density : float
         Density [kg/m³].
-    throats, sizes, sieves, axes, shapes : tables, optional
-        See each; sizes or sieves, not both. With shapes the other keys have no use, but for the density.
+    throats, sizes, sieves, layer, axes, shapes : tables, optional
+        See each; one of sizes, sieves and layers. With shapes the other keys have no use, but for the density.
     """
 
     keep: Literal["inside", "all"] = "inside"
@@ -149,6 +150,7 @@ class GrainsTable(Table):
     throats: ThroatsTable | None = None
     sizes: SizesTable | None = None
     sieves: SievesTable | None = None
+    layer: tuple[LayerTable, ...] = ()
     axes: AxesTable | None = None
     shapes: ShapesTable | None = None
 
@@ -185,13 +187,17 @@ class GrainsTable(Table):
                 "region says what a porosity is of, and neither scale nor gap is one: leave it out, or give porosity, "
                 "solid_fraction, void_ratio or relation"
             )
-        if self.sizes is not None and self.sieves is not None:
-            raise ValueError("give sizes or sieves, not both")
+        named = [name for name in ("sizes", "sieves", "layer") if getattr(self, name)]
+        if len(named) > 1:
+            raise ValueError(f"give one of sizes, sieves and layers; got {', '.join(named)}")
+        if self.layer and self.axes is not None and (self.axes.trend or self.axes.dip):
+            raise ValueError("layers are level: leave out trend and dip of axes, or the layers")
         if self.gap is not None and self.prescribed is not None:
-            given = "sizes" if self.sieves is None else "sieves"
+            given = named[0]
             raise ValueError(f"a gap takes more from small grains than from large ones: give {given} or gap")
-        if self.sieves is not None and self.diameter is not None:
-            raise ValueError(f"sieves say how large grains are: leave out {self.diameter[0]}")
+        if (self.sieves is not None or self.layer) and self.diameter is not None:
+            told = "layers" if self.layer else "sieves"
+            raise ValueError(f"{told} say how large grains are: leave out {self.diameter[0]}")
         if self.throats is not None and self._is_full:
             raise ValueError("grains that fill their cells have no room to move: leave out throats, or give more void")
         return self
@@ -219,8 +225,10 @@ class GrainsTable(Table):
         return self.prescribed is not None or self.diameter is not None
 
     @property
-    def prescribed(self) -> SizesTable | SievesTable | None:
-        """The table that says what sizes the grains have, each its own."""
+    def prescribed(self) -> SizesTable | SievesTable | Layers | None:
+        """What says which sizes the grains have, each its own."""
+        if self.layer:
+            return Layers(self.layer)
         return self.sizes if self.sieves is None else self.sieves
 
     @property
@@ -237,6 +245,7 @@ def shape(
     rng: np.random.Generator,
     *,
     wanted: NDArray[np.float64] | None = None,
+    classes: NDArray[np.int32] | None = None,
     is_scaled: bool = True,
 ) -> Packing:
     """Return the packing that a table makes of the cells.
@@ -251,13 +260,16 @@ def shape(
         Source of randomness for throats.
     wanted : ndarray, shape (n_cells,), optional
         Diameters [m] that the grains are to have.
+    classes : ndarray of int32, shape (n_cells,), optional
+        The layer of each cell.
     is_scaled : bool
         Whether the whole bed is scaled to the size asked for, if any.
     """
     # Grains that are kept have the curve of a law or of sieves: nothing is lost with those at the walls.
     is_listed = table.prescribed is None or table.prescribed.is_list
     with nullcontext() if is_listed else unwarned():
-        packing = carve(cells, keep=table.keep, density=table.density)
+        density = table.density if classes is None else Layers(table.layer).densities(classes, table.density)
+        packing = carve(cells, keep=table.keep, density=density, classes=classes)
     if is_scaled and table.gap is not None:
         packing = _apart(packing, table)
     else:
