@@ -11,6 +11,7 @@ from exporters.mjcf import MjcfOptions
 from exporters.rest import frictions
 from grainsdem.dynamics.starting import as_spheres
 from grainsdem.errors import InputError
+from grainsdem.geometry.integrals import volumes
 from grainsdem.model import Domain, Packing
 from grainsdem.packing.shuffle import random_turns, rearranged
 
@@ -29,6 +30,9 @@ CLEARANCE = 0.02
 
 NUDGE = 0.005
 """How far grains stand from their places at most along each axis, relative to the same: by less than the gap leaves."""
+
+GUESSED_FRACTION = 0.55, 0.8
+"""Solid fraction, in space and in a plane, from which it is guessed how much room grains will take once compressed."""
 
 VACANCIES = 0.5
 """Places that are left empty at random, relative to the grains: without them grains would stand in columns, which bear
@@ -87,6 +91,11 @@ def pitch(packing: Packing) -> float:
     if not widest > 0:
         raise InputError("an experiment needs at least one grain; got a packing without any")
     return 2 * widest * (1 + CLEARANCE)
+
+
+def room_taken(packing: Packing) -> float:
+    """Return the volume [m³] that grains will take, voids included, once they are compressed: a guess."""
+    return float(volumes(packing.grains).sum()) / GUESSED_FRACTION[packing.domain.is_planar]
 
 
 def n_places(n_grains: int) -> int:

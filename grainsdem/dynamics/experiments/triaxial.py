@@ -113,6 +113,12 @@ class TriaxialReport(LoadingReport):
         Difference of the axial stress of the walls and that of the contacts, both averaged over the shear, relative.
     confining_pressure : float
         Pressure on the side walls [Pa], mean over the shear.
+    confining_fluctuation : float
+        Standard deviation of that pressure over the samples of the shear, relative to its mean. A sample is 0.2 t, or
+        a two-hundredth of the shear where that is longer.
+    coordination, sliding_fraction : float
+        Mean number of grains that press on a grain, and share of the contact points that slide, over the last quarter
+        of the strain: how far the bed is from one that is sheared infinitely slowly.
     """
 
     peak_friction_angle: float
@@ -124,6 +130,9 @@ class TriaxialReport(LoadingReport):
     final_solid_fraction: float
     stress_mismatch: float
     confining_pressure: float
+    confining_fluctuation: float
+    coordination: float
+    sliding_fraction: float
 
 
 def _panels(series: Series, profile: Series) -> list[Panel]:
@@ -290,16 +299,9 @@ class _Triaxial(Staged[TriaxialReport]):
     def report(self) -> TriaxialReport:
         """Return what the shear measured."""
         rows = self.sheared()
-        axial, lateral, inner, strains, dilation = (
-            np.array([getattr(row, name) for row in rows])
-            for name in (
-                "axial_stress",
-                "lateral_stress",
-                "axial_stress_contacts",
-                "axial_strain",
-                "volumetric_strain",
-            )
-        )
+        series = dict(zip(TriaxialSample._fields, np.array(rows).T, strict=True))
+        axial, lateral, strains = series["axial_stress"], series["lateral_stress"], series["axial_strain"]
+        inner, dilation = series["axial_stress_contacts"], series["volumetric_strain"]
         span, peak = highest(axial / lateral, strains, PEAK_SPAN)
         last = strains >= (1 - CRITICAL_SHARE) * strains[-1]
         at_peak = friction_angle([smooth(axial, span)[peak], smooth(lateral, span)[peak]])
@@ -315,5 +317,8 @@ class _Triaxial(Staged[TriaxialReport]):
             final_solid_fraction=rows[-1].solid_fraction,
             stress_mismatch=float(abs(inner.mean() / axial.mean() - 1)),
             confining_pressure=float(lateral.mean() * self.scene.units.stress),
+            confining_fluctuation=float(lateral.std() / lateral.mean()),
+            coordination=float(series["coordination"][last].mean()),
+            sliding_fraction=float(series["sliding_fraction"][last].mean()),
             **self.standing(),
         )

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.dynamics.experiments.cells.meter import HEAVY, LIMIT_SPEED, Meter
-from grainsdem.dynamics.experiments.start import n_places, pitch, set_apart
+from grainsdem.dynamics.experiments.start import n_places, pitch, room_taken, set_apart
 from grainsdem.errors import InputError
-from grainsdem.geometry.integrals import volumes
 from grainsdem.model import Domain
 
 if TYPE_CHECKING:
@@ -27,9 +26,6 @@ FACETS = 64
 
 INNER_SHARE = 0.75
 """Inner radius over the width of the ring, where none is given."""
-
-GUESSED_FRACTION = 0.55
-"""Solid fraction from which the ring's width is guessed, that its height may be about as large."""
 
 
 class Annulus:
@@ -122,8 +118,7 @@ def _radii(packing: Packing, inner: float | None, outer: float | None) -> tuple[
     """Return the radii [m], guessed where they are not given."""
     if packing.domain.is_planar:
         raise InputError("a ring shear test needs grains in space; a planar bed goes into the direct shear box")
-    width = float(volumes(packing.grains).sum()) / GUESSED_FRACTION
-    width = float(np.cbrt(width / (np.pi * ((1 + INNER_SHARE) ** 2 - INNER_SHARE**2))))
+    width = float(np.cbrt(room_taken(packing) / (np.pi * ((1 + INNER_SHARE) ** 2 - INNER_SHARE**2))))
     if inner is None:
         inner = INNER_SHARE * width if outer is None else outer * INNER_SHARE / (1 + INNER_SHARE)
     if outer is None:

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from grainsdem.dynamics.experiments.cells.meter import HEAVY, LIMIT_SPEED, Meter
-from grainsdem.dynamics.experiments.start import set_apart_in_block
-from grainsdem.geometry.integrals import volumes
+from grainsdem.dynamics.experiments.start import room_taken, set_apart_in_block
 from grainsdem.geometry.rotations import world_vertices
 
 if TYPE_CHECKING:
@@ -20,12 +19,6 @@ if TYPE_CHECKING:
     from grainsdem.model import Packing
 
     Floats = NDArray[np.float64]
-
-GUESSED_FRACTION = 0.55
-"""Solid fraction from which the height of a bed that was set apart is guessed: the halves part at its middle."""
-
-PLANAR_FRACTION = 0.8
-"""The same in planar work."""
 
 
 class ShearBox:
@@ -54,8 +47,7 @@ class ShearBox:
         height = self._upper[self.up] - self._lower[self.up]
         if is_apart:
             sides = self._upper - self._lower
-            fraction = PLANAR_FRACTION if packing.domain.is_planar else GUESSED_FRACTION
-            height = float(volumes(packing.grains).sum()) / fraction * sides[self.up] / float(np.prod(sides))
+            height = room_taken(packing) * sides[self.up] / float(np.prod(sides))
         self._split = self._lower[self.up] + 0.5 * height
 
     def furnish(self, apparatus: Apparatus, units: GrainUnits, *, friction: float | None) -> None:
@@ -133,8 +125,7 @@ class ShearBox:
 def _spread(packing: Packing, up: int, rng: Seed, aspect: float) -> Packing:
     """Return the grains set apart over the floor of a box that they fill to its height when they are compressed."""
     domain = packing.domain
-    fraction = PLANAR_FRACTION if domain.is_planar else GUESSED_FRACTION
-    filled = float(volumes(packing.grains).sum()) / fraction
+    filled = room_taken(packing)
     if up == 1:
         height = float(np.sqrt(filled / domain.lengths[2] / aspect))
         return set_apart_in_block(packing, rng=rng, lengths=np.array([aspect * height]))

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.dynamics.experiments.cells.meter import Meter
+from grainsdem.dynamics.experiments.start import room_taken
 from grainsdem.geometry.rotations import world_vertices
 
 if TYPE_CHECKING:
@@ -18,10 +19,12 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
+LIGHT = 0.25
+"""Mass [ρ d] of a wall over its area, about half a layer of grains. What the walls gain of momentum is missing from the
+pressure that they are to hold, and their mass swings on the bed as on a spring; so they are lighter than the bed."""
 
-DRIVEN = 10.0
+DRIVEN = 30.0
 """How much heavier than the others driven walls are: they keep their speed, and still can gather the grains."""
-
 
 DRIFT_DAMPING = 10.0
 """Pressure [P t/d] against two walls that move the same way. Normals of contacts with a wall lean by a hundredth now
@@ -50,12 +53,16 @@ class SixWalls:
         self.lower, self.upper = lower / units.length, upper / units.length
         self.driven = driven
         self.names = tuple(f"{'xyz'[axis]}{side}" for axis in self.axes for side in (0, 1))
-        lengths = self.upper - self.lower
-        # A quarter of a layer of grains: light beside the bed, and not so light as to flutter.
-        light = 0.25 * float(np.prod(lengths) / lengths.max())
+        light = LIGHT * self._least_area(room_taken(packing) / units.length**3)
         self.masses = {
             name: light * (DRIVEN if driven is not None and name[0] == "xyz"[driven] else 1.0) for name in self.names
         }
+
+    def _least_area(self, room: float) -> float:
+        """Return the area [d²] of the smallest wall, once grains that were set apart are gathered in a room [d³]."""
+        lengths, axes = self.upper - self.lower, list(self.axes)
+        lengths[axes] *= min(1.0, (room / float(np.prod(lengths))) ** (1 / len(axes)))
+        return float(np.prod(lengths) / lengths[axes].max())
 
     def furnish(self, apparatus: Apparatus) -> None:
         """Add the walls to a model, without gravity."""
@@ -100,7 +107,9 @@ class SixWalls:
             area = float(np.prod(lengths) / lengths[axis])
             names = [f"{'xyz'[axis]}{side}" for side in (0, 1)]
             speeds = [engine.axle(name)[1] for name in names]
-            drift = 0.5 * DRIFT_DAMPING * (speeds[1] - speeds[0])
+            # As if by the speed at the end of the step: light walls with a large area would swing by it otherwise.
+            rate = DRIFT_DAMPING * area / self.masses[names[0]]
+            drift = 0.5 * DRIFT_DAMPING * (speeds[1] - speeds[0]) / (1.0 + rate * engine.time_step)
             for name, speed, sense in zip(names, speeds, (-1.0, 1.0), strict=True):
                 meter.push(name, -area * (1.0 + speed / limit_speed + sense * drift))
 
