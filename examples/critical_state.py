@@ -1,7 +1,8 @@
 """Shear dense and loose packs of one sand triaxially: at large strain they meet in angle and in void ratio.
 
 Less friction while a pack is compressed makes it denser. Five packs of each are sheared; the dense ones are stronger at
-first and dilate, the loose ones contract. Run with ``--quick`` for few spheres and little strain.
+first and dilate, the loose ones contract. Run with ``--quick`` for few spheres and little strain, or at another rate
+with ``--inertial-number``.
 """
 
 from __future__ import annotations
@@ -31,9 +32,14 @@ def main() -> None:
     """Print what both kinds end with, with their intervals, and draw angle and void ratio over strain."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="few spheres, little strain, two seeds")
+    parser.add_argument("--grains", type=int, default=343, help="in each pack")
+    parser.add_argument("--seeds", type=int, default=5, help="packs of each kind")
+    parser.add_argument("--inertial-number", type=float, default=0.02, help="rate of the shear")
     parser.add_argument("--output", type=Path, default=Path(), help="folder for the figure")
     arguments = parser.parse_args()
-    n, seeds, strain, rate = (27, 2, 0.03, 0.05) if arguments.quick else (343, 5, 0.4, 0.02)
+    n, seeds, strain, rate = arguments.grains, arguments.seeds, 0.4, arguments.inertial_number
+    if arguments.quick:
+        n, seeds, strain, rate = 27, 2, 0.03, 0.05
     grains = make_grains(n)
     angles, ratios = {}, {}
     for name, friction in COMPACTION.items():
@@ -50,7 +56,13 @@ def main() -> None:
         mean, width = runs.mean(), runs.half_width()
         for key in ("peak_friction_angle", "critical_friction_angle"):
             print(f"{name}: {key.replace('_', ' ')} {np.degrees(mean[key]):.1f}° ± {np.degrees(width[key]):.1f}°")
-        for key in ("initial_solid_fraction", "final_solid_fraction", "volumetric_strain"):
+        for key in (
+            "initial_solid_fraction",
+            "final_solid_fraction",
+            "volumetric_strain",
+            "coordination",
+            "sliding_fraction",
+        ):
             print(f"{name}: {key.replace('_', ' ')} {mean[key]:+.3f} ± {width[key]:.3f}")
         x, axial, error = runs.curve("axial_strain", "axial_stress", points=30)
         lateral = runs.curve("axial_strain", "lateral_stress", points=30)[1]
