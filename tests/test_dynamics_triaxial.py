@@ -139,6 +139,17 @@ def test_volume_is_that_between_the_walls_and_its_change_that_of_the_solid_fract
     )
 
 
+def test_the_report_tells_how_steady_the_pressure_was_and_what_contacts_were_like_in_the_last_quarter(sheared):
+    report, history = sheared[0].report, sheared[0].history
+    chosen = history["stage"] == 1
+    lateral, strains = history["lateral_stress"][chosen], history["axial_strain"][chosen]
+    assert report.confining_fluctuation == pytest.approx(lateral.std() / lateral.mean())
+    last = strains >= 0.75 * strains[-1]
+    assert 0 < last.sum() < len(last)
+    for name in ("coordination", "sliding_fraction"):
+        assert getattr(report, name) == pytest.approx(history[name][chosen][last].mean())
+
+
 def test_the_history_on_disk_is_the_one_that_is_returned(sheared):
     outcome, stored = sheared
     for name, series in stored.items():
