@@ -52,7 +52,13 @@ def main() -> None:
         mean, width = runs.mean(), runs.half_width()
         for key in ("peak_friction_angle", "critical_friction_angle", "dilatancy_angle"):
             print(f"{name:>9}: {key.replace('_', ' ')} {np.degrees(mean[key]):.1f}° ± {np.degrees(width[key]):.1f}°")
-        for key in ("initial_solid_fraction", "volumetric_strain"):
+        for key in (
+            "initial_solid_fraction",
+            "volumetric_strain",
+            "confining_fluctuation",
+            "coordination",
+            "sliding_fraction",
+        ):
             print(f"{name:>9}: {key.replace('_', ' ')} {mean[key]:+.3f} ± {width[key]:.3f}")
         print(f"{name:>9}: stress of walls and of contacts differ by {mean['stress_mismatch']:.2%}")
         x, axial, error = runs.curve("axial_strain", "axial_stress", points=30)
