@@ -1,4 +1,4 @@
-"""Seconds for rocks, packs of mixed shapes, a scan of a million triangles: ``pytest benchmarks/bench_shapes.py``."""
+"""Seconds for rocks, packs of mixed shapes and large scans: ``pytest benchmarks/bench_shapes.py``."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ parameters = {s = 0.2, scale = 1e-3}
 count = 200
 by = "mass"
 kinds = [
-    {shape = "rock", elongation = 0.7, flatness = 0.6, share = 0.5, different = 5},
+    {shape = "rock", elongation = 0.7, flatness = 0.6, roundness = 0.5, share = 0.5, different = 5},
     {path = "scans", share = 0.25, density = 3000.0},
     {shape = "superellipsoid", exponents = [0.4, 1.0], share = 0.25},
 ]
@@ -61,6 +61,7 @@ def test_a_recipe_of_shapes_lays_out_the_mixture_beside_its_files(written):
     assert bed.densities[bed.classes != 1] == pytest.approx(2600)
     rocks = gd.box_axes(gd.subset(bed, np.flatnonzero(bed.classes == 0)))
     assert rocks[:, 1] / rocks[:, 0] == pytest.approx(np.full(len(rocks), 0.7), rel=1e-6)
+    assert gd.roundness(gd.subset(bed, np.flatnonzero(bed.classes == 0))) == pytest.approx(0.5, abs=0.02)
     assert gd.validate(bed).ok
     assert np.array_equal(recipes.grow(recipe).positions, bed.positions)
     told = json.loads(bed.provenance[0])

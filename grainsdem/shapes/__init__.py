@@ -3,6 +3,7 @@
 from grainsdem.shapes.ellipsoids import ellipsoid, superellipsoid
 from grainsdem.shapes.pouring import pack, scatter
 from grainsdem.shapes.rocks import rock
+from grainsdem.shapes.rounding import rounded
 from grainsdem.shapes.scans import Scans, read
 from grainsdem.shapes.sizing import sized, together
 from grainsdem.shapes.solids import PLATONIC, box, platonic, prism
@@ -17,6 +18,7 @@ __all__ = [
     "prism",
     "read",
     "rock",
+    "rounded",
     "scatter",
     "sized",
     "superellipsoid",

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from grainsdem.errors import ConvergenceError, InputError, ShapeError, name_offenders
 from grainsdem.geometry.forms.boxes import standing_boxes
+from grainsdem.geometry.forms.outlines import outline_roundnesses
 from grainsdem.geometry.hulls import convex_hulls
 from grainsdem.geometry.selection import select
 from grainsdem.ragged import owners
+from grainsdem.shapes.rounding import MOST_VERTICES, ROUNDNESS_TOLERANCE, searched
 from grainsdem.shapes.sizing import centred, check_positive, sized, together
 
 if TYPE_CHECKING:
@@ -22,7 +25,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 N_VERTICES = 24
-"""Corners of a rock by default, at most: 14 faces."""
+"""Corners of a rock by default, at most: 14 faces. One that is rounded has up to `MOST_VERTICES`."""
 
 FEWEST = 8
 """Corners that a rock may have at most: of fewer than six faces no random ones are left."""
@@ -36,6 +39,12 @@ _ROUNDS = 60
 _DRAWS = 200
 """Rocks that are drawn for one at most."""
 
+_TURN = np.array([[2.0, -3, 6], [6, -2, -3], [3, 6, 2]]) / 7
+"""A rotation about no axis of anyone's."""
+
+_ROUND_FACES = (0.3, 6), (0.5, 7), (np.inf, 8)
+"""Roundness below which a rock that is rounded is drawn with so many faces."""
+
 _TRIED = 8
 """Directions that are drawn for each face: the one farthest from the others is taken."""
 
@@ -48,11 +57,12 @@ def rock(
     *,
     elongation: ArrayLike = 0.75,
     flatness: ArrayLike = 0.75,
-    n_vertices: int = N_VERTICES,
+    roundness: float | None = None,
+    n_vertices: int | None = None,
     diameter: float = 1.0,
     rng: np.random.Generator | int | None = None,
 ) -> Polyhedra:
-    """Return random convex rocks, as broken stone is: few flat faces, sharp edges.
+    """Return random convex rocks: few flat faces and sharp edges, as broken stone has, or rounded as sand is.
 
     Parameters
     ----------
@@ -61,8 +71,11 @@ def rock(
     elongation, flatness : array_like, shape () or (n,)
         b/a and c/b of the edges a >= b >= c of the smallest box on a face (`grainsdem.box_axes`), in (0, 1]. They are
         had within a relative 1e-9.
-    n_vertices : int
-        Corners at most, eight or more; there are about half as many faces.
+    roundness : float, optional
+        Wadell's, as `grainsdem.roundness` measures it, had within 0.02: from about 0.1 to 0.75 can be. By default the rocks
+        are as they break, which is 0.47 ± 0.07 with 24 corners and 0.29 ± 0.07 with 12.
+    n_vertices : int, optional
+        Corners at most, eight or more; there are about half as many faces. By default 24, or 64 of rounded rocks.
     diameter : float
         Of the sphere of equal volume [m].
     rng : numpy.random.Generator, int or None
@@ -87,6 +100,10 @@ def rock(
     proportions at once; where another box has become smaller by the stretch, the same is done with that one.
     """
     wanted = _proportions(n, elongation, flatness)
+    if roundness is not None and not 0 <= roundness <= 1:
+        raise InputError(f"roundness must lie in [0, 1]; got {roundness}")
+    if n_vertices is None:
+        n_vertices = N_VERTICES if roundness is None else MOST_VERTICES
     if n_vertices < FEWEST:
         raise InputError(f"a rock has {FEWEST} corners or more; got n_vertices = {n_vertices}")
     check_positive(diameter=diameter)
@@ -94,15 +111,20 @@ def rock(
     found: dict[int, Polyhedra] = {}
     lacking = np.arange(n)
     for _ in range(_DRAWS):
-        clouds = [_draw(n_vertices // 2 + 2, wanted[i], generator) for i in lacking]
+        clouds = [_draw(_faces(n_vertices, roundness), wanted[i], generator) for i in lacking]
         rocks, is_had = _stretched(convex_hulls(clouds), wanted[lacking])
+        if roundness is not None:
+            rocks = _rounded(rocks, is_had, wanted[lacking], roundness, n_vertices)
+        rocks = sized(centred(rocks), diameter)
+        is_had &= _hold(rocks, wanted[lacking], roundness)
         for row in np.flatnonzero(is_had):
             found[int(lacking[row])] = select(rocks, np.array([row]))[0]
         lacking = lacking[~is_had]
         if not lacking.size:
-            return sized(centred(together(*(found[i] for i in range(n)))), diameter)
+            return together(*(found[i] for i in range(n)))
     b, c = wanted[lacking[0], 1], wanted[lacking[0], 2] / wanted[lacking[0], 1]
-    raise ConvergenceError(f"of {_DRAWS} rocks none got elongation {b:g} and flatness {c:g}: others have them")
+    more = "" if roundness is None else f" and roundness {roundness:g}"
+    raise ConvergenceError(f"of {_DRAWS} rocks none got elongation {b:g}, flatness {c:g}{more}")
 
 
 def _proportions(n: int, elongation: ArrayLike, flatness: ArrayLike) -> Floats:
@@ -133,6 +155,47 @@ def _draw(n_faces: int, proportions: Floats, generator: np.random.Generator) -> 
         planes = ConvexHull(normals / distances[:, None]).equations
         if planes[:, 3].max() < -0.2:  # no corner farther than five times the faces
             return np.asarray(planes[:, :3] / -planes[:, 3:]) * proportions
+
+
+def _faces(n_vertices: int, roundness: float | None) -> int:
+    """Return how many faces a rock is drawn with: few where edges, and corners to spare, are to be cut."""
+    most = n_vertices // 2 + 2
+    if roundness is None:
+        return most
+    return min(most, next(faces for bound, faces in _ROUND_FACES if roundness < bound))
+
+
+def _proportioned(rock: Polyhedra, wanted: Floats) -> Polyhedra:
+    return _stretched(rock, wanted)[0]
+
+
+def _rounded(
+    rocks: Polyhedra, is_had: NDArray[np.bool_], wanted: Floats, roundness: float, n_vertices: int
+) -> Polyhedra:
+    """Return rocks rounded, as near as each gets, with their proportions kept; those that have none as they are."""
+    made = []
+    for i in range(len(rocks)):
+        one, _ = select(rocks, np.array([i]))
+        if is_had[i]:
+            one = searched(one, roundness, n_vertices, partial(_proportioned, wanted=wanted[i : i + 1])).shape
+        made.append(one)
+    return together(*made)
+
+
+def _hold(rocks: Polyhedra, wanted: Floats, roundness: float | None) -> NDArray[np.bool_]:
+    """Return which rocks have the proportions and the roundness asked for, turned one way or another, shape (n,).
+
+    Of two boxes as small as one another the last digit decides which is the smallest.
+    """
+    result = np.ones(len(rocks), dtype=bool)
+    for turn in (np.eye(3), _TURN):
+        turned = replace(rocks, vertices=(turn * rocks.vertices[:, None, :]).sum(axis=2))
+        edges = -np.sort(-standing_boxes(turned).edges, axis=1)
+        result &= (np.abs(edges / edges[:, :1] / wanted - 1) <= 2 * TOLERANCE).all(axis=1)
+        if roundness is not None:
+            measured = outline_roundnesses(turned).mean(axis=1)
+            result &= np.abs(measured - roundness) <= ROUNDNESS_TOLERANCE
+    return result
 
 
 def _apart(n: int, generator: np.random.Generator) -> Floats:

@@ -88,7 +88,7 @@ def rectangles(points: Floats, offsets: NDArray[np.int64]) -> Floats:
 
 
 @inner
-def _hull(points, hull):  # type: ignore[no-untyped-def]
+def hull_in_plane(points, hull):  # type: ignore[no-untyped-def]
     """Sort the points and fill their convex hull, counter-clockwise; return how many corners it has."""
     n = len(points)
     for i in range(1, n):
@@ -123,7 +123,7 @@ def _rectangle(points, hull):  # type: ignore[no-untyped-def]
 
     Both the rectangle and the least width are by a side of the hull.
     """
-    count = _hull(points, hull)
+    count = hull_in_plane(points, hull)
     best, length, width, least = np.inf, 0.0, 0.0, np.inf
     along_x, along_y = 1.0, 0.0
     for i in range(count):

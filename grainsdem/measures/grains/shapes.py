@@ -19,8 +19,10 @@ import numpy as np
 
 from grainsdem.errors import InputError, ShapeError, name_offenders
 from grainsdem.geometry.forms.boxes import boxes_on_faces
+from grainsdem.geometry.forms.outlines import outline_roundnesses
 from grainsdem.geometry.forms.sizes import above_zero, grain_sphericities
 from grainsdem.geometry.integrals import integrate
+from grainsdem.model import Packing
 from grainsdem.model.given import grains_of
 from grainsdem.roots import cube_roots
 
@@ -102,6 +104,31 @@ def box_axes(grains: Grains) -> Floats:
     regular tetrahedron is.
     """
     return boxes_on_faces(grains_of(grains))
+
+
+def roundness(grains: Grains) -> Floats:
+    """Return Wadell's roundness of each grain, shape (n,): the radius of its corners over that of the circle inside.
+
+    Parameters
+    ----------
+    grains : Packing or Polyhedra
+        Convex grains. Of a planar packing it is that of the outline in its plane.
+
+    Notes
+    -----
+    The mean of the outlines seen along the three edges of the smallest box on a face (`box_axes`). Of an outline it is
+    the mean radius of the arcs that fit into its corners, each counted by the angle that it turns by, over the radius
+    of the largest circle inside. Arcs grow alike until two have used up the side between them.
+
+    A polyhedron of few faces may stand for a smooth grain. A corner of an outline that turns by 45° or less is taken
+    for part of an arc, one of 90° or more is sharp, and between the two it counts in part. A side that cuts less than
+    1 % of the circle's radius off a corner is taken for none. So a cube has 0, a ball 1, and a cube whose edges are
+    bevelled to arcs of radius r has 2 r over its edge exactly. Balls of 32 corners have 0.87, of 1000 0.98. A regular
+    hexagon counts as 2/3 and an octagon as 1: whether eight sides were meant as a circle is not known.
+    """
+    if isinstance(grains, Packing) and grains.domain.is_planar:
+        return np.asarray(outline_roundnesses(grains.grains, upright=True)[:, 2])
+    return np.asarray(outline_roundnesses(grains_of(grains)).mean(axis=1))
 
 
 def krumbein(axes: ArrayLike) -> Floats:

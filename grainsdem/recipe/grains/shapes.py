@@ -45,6 +45,8 @@ class KindTable(Table):
         Density [kg/m³], where the kind has one of its own.
     elongation, flatness : float
         b/a and c/b of boxes, ellipsoids, superellipsoids and rocks, in (0, 1].
+    roundness : float
+        Wadell's, of rocks; by default they are as they break.
     n_vertices : int
         Corners at most, of rocks, round shapes and shapes of files.
     different : int
@@ -63,6 +65,7 @@ class KindTable(Table):
     density: Positive | None = None
     elongation: Ratio | None = None
     flatness: Ratio | None = None
+    roundness: Annotated[float, Field(ge=0, le=1)] | None = None
     n_vertices: Annotated[int, Field(ge=4)] | None = None
     different: Count | None = None
     sides: Annotated[int, Field(ge=3)] | None = None
@@ -178,7 +181,7 @@ class _Maker(NamedTuple):
     make: Callable[[KindTable, np.random.Generator], Any]
 
 
-_OWN = ("elongation", "flatness", "n_vertices", "different", "sides", "aspect", "exponents", "concave")
+_OWN = ("elongation", "flatness", "roundness", "n_vertices", "different", "sides", "aspect", "exponents", "concave")
 
 
 def _given(kind: KindTable, *names: str) -> dict[str, Any]:
@@ -211,7 +214,9 @@ def _superellipsoid(kind: KindTable, _rng: np.random.Generator) -> Any:
 
 
 def _rock(kind: KindTable, rng: np.random.Generator) -> Any:
-    return shapes.rock(kind.different or DIFFERENT, **_given(kind, "elongation", "flatness", "n_vertices"), rng=rng)
+    return shapes.rock(
+        kind.different or DIFFERENT, **_given(kind, "elongation", "flatness", "roundness", "n_vertices"), rng=rng
+    )
 
 
 def _file(kind: KindTable, _rng: np.random.Generator) -> Any:
@@ -224,6 +229,6 @@ _MAKERS = {
     "prism": _Maker(("sides", "aspect"), _prism),
     "ellipsoid": _Maker(("elongation", "flatness", "n_vertices"), _ellipsoid),
     "superellipsoid": _Maker(("elongation", "flatness", "exponents", "n_vertices"), _superellipsoid),
-    "rock": _Maker(("elongation", "flatness", "n_vertices", "different"), _rock),
+    "rock": _Maker(("elongation", "flatness", "roundness", "n_vertices", "different"), _rock),
     "path": _Maker(("n_vertices", "concave"), _file),
 }
