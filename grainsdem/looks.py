@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-QUANTITIES = ("diameter", "sphericity", "height", "id", "layers", "columns", "halves")
+QUANTITIES = ("diameter", "sphericity", "height", "id", "class", "layers", "columns", "halves")
 """What `grainsdem.figures.render` colours grains by, besides an array."""
 
 View = Literal["corner", "front", "side", "top"]

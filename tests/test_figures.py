@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import importlib.util
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -113,9 +114,10 @@ def test_ids_are_told_apart_by_colour(tmp_path):
 
 
 @pytest.mark.client
-@pytest.mark.parametrize("color_by", ["diameter", "sphericity", "height"])
+@pytest.mark.parametrize("color_by", ["diameter", "sphericity", "height", "class"])
 def test_every_quantity_can_colour_the_grains(fresh, tmp_path, color_by):
-    assert is_ink(pixels(render(fresh, tmp_path / "a.png", color_by=color_by, size=(300, 200)))).any()
+    bed = replace(fresh, classes=np.arange(len(fresh)) % 3)
+    assert is_ink(pixels(render(bed, tmp_path / "a.png", color_by=color_by, size=(300, 200)))).any()
 
 
 @pytest.mark.unit
@@ -277,9 +279,11 @@ def test_what_cannot_be_drawn_is_refused(fresh, tmp_path):
     with pytest.raises(InputError, match="no grains"):
         coordination_histogram(graph(0, np.empty((0, 2))), path)
     with pytest.raises(
-        InputError, match="color_by must be diameter, sphericity, height, id, layers, columns, halves or one value"
+        InputError, match="color_by must be diameter, sphericity, height, id, class, layers, columns, halves or one value"
     ):
         render(fresh, path, color_by="mood")
+    with pytest.raises(InputError, match="no classes to be coloured by"):
+        render(fresh, path, color_by="class")
     with pytest.raises(InputError, match="one finite value a grain"):
         render(fresh, path, color_by=[1.0, 2.0])
     with pytest.raises(InputError, match="16 to 16384 pixels"):

@@ -106,6 +106,20 @@ def test_the_domains_walls_stay_periodic_axes_wrap_and_a_lid_that_is_high_enough
 
 
 @pytest.mark.unit
+def test_a_hopper_is_filled_from_its_floor(kinds):
+    hopper = Domain.hopper((20e-3, 20e-3), (6e-3, 6e-3), 20e-3)
+    bed = gd.pack(kinds, 1.5e-3, hopper, n=150, rng=1)
+    assert gd.validate(bed).ok
+
+
+@pytest.mark.unit
+def test_shapes_that_single_precision_bent_are_packed_as_their_hulls():
+    rock = gd.shapes.sized(gd.shapes.superellipsoid(1, 1, 1, exponents=(0.1, 0.1), n_vertices=60), 1.0)
+    bent = replace(rock, vertices=rock.vertices.astype(np.float32).astype(float))
+    assert gd.validate(gd.pack(bent, 1.0, n=5, rng=1)).ok
+
+
+@pytest.mark.unit
 def test_what_does_not_fit_is_refused_with_what_fits(kinds):
     with pytest.raises(InputError, match=r"do not fit: loose, at a solid fraction of 0\.300, they take"):
         gd.pack(kinds, 1e-3, Domain.cube(5e-3), n=500, higher=False, rng=1)

@@ -50,7 +50,8 @@ def _run(recipe: Path, folder: Path, *, json_: bool, quiet: bool) -> None:
     from grainsdem.screen import ChainProgress, print_result
 
     wanted, refusal = recipes.read(recipe), None
-    prepare(*ahead.STEPS, quiet=quiet)
+    # Laying out shapes has kernels of its own, and most recipes grow cells.
+    prepare(*(step for step in ahead.STEPS if step != "loose" or wanted.grains.shapes is not None), quiet=quiet)
     with ChainProgress(err, shown=not (quiet or json_)) as progress:
         try:
             result = recipes.run(wanted, folder, progress)

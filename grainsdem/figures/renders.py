@@ -44,9 +44,9 @@ def render(
         At least one grain.
     path : str or path-like
         Ends in ``.png``; replaced if it exists.
-    color_by : {"diameter", "sphericity", "height", "id", "layers", "columns", "halves"} or array_like, shape (n,)
+    color_by : {"diameter", "sphericity", "height", "id", "class", "layers", "columns", "halves"} or array_like
         What the colour of a grain shows: a quantity with a scale beside it, ``"id"`` to tell neighbours apart, or in
-        which of five layers or columns, or of two halves, left and right, it is.
+        which of five layers or columns, or of two halves, left and right, it is; or one value a grain, shape (n,).
     size : tuple of int
         Width and height [pixels].
     view : {"corner", "front", "side", "top"}, optional

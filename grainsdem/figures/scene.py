@@ -137,6 +137,10 @@ def _quantity(packing: Packing, color_by: str | ArrayLike) -> tuple[NDArray[np.f
     if color_by == "id":
         # Multiples of the golden ratio: ids that follow one another get colours far apart.
         return np.mod(np.arange(len(packing)) * 0.6180339887498949, 1.0), None, "Spectral"
+    if color_by == "class":
+        if packing.classes is None:
+            raise InputError("the grains have no classes to be coloured by")
+        return packing.classes.astype(np.float64), "class", "viridis"
     if color_by == "halves":
         return (right > np.median(right)).astype(np.float64), None, HALVES
     if color_by in ("layers", "columns"):  # of as many grains each, from the lowest to the highest, or from the left

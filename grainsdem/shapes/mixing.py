@@ -8,6 +8,8 @@ import numpy as np
 
 from grainsdem.errors import InputError, ShapeError, name_offenders
 from grainsdem.geometry.defects import find_defects
+from grainsdem.geometry.hulls import FLAT, convex_hull
+from grainsdem.geometry.selection import select
 from grainsdem.model import Polyhedra
 from grainsdem.shapes.scans import Scans
 from grainsdem.shapes.sizing import centred, sized, together
@@ -70,12 +72,11 @@ def kinds_of(given: Polyhedra | Scans | Sequence[Polyhedra | Scans]) -> Kinds:
     if isinstance(given, Polyhedra | Scans):
         sizes = [1] * len(shapes)
     shapes = sized(centred(shapes), 1.0)
-    _refuse_concave(shapes)
-    return Kinds(shapes, np.concatenate([[0], np.cumsum(sizes)]))
+    return Kinds(_convex(shapes), np.concatenate([[0], np.cumsum(sizes)]))
 
 
-def _refuse_concave(shapes: Polyhedra) -> None:
-    """Raise `InputError` where a shape of unit diameter is not closed and convex."""
+def _convex(shapes: Polyhedra) -> Polyhedra:
+    """Return shapes of unit diameter, those that are convex but for rounding as their hulls, or raise `InputError`."""
     found = find_defects(shapes)
     bad = np.flatnonzero((found.open_edges != 0) | (found.inward_faces > 0) | (found.dents > _DENT))
     if bad.size:
@@ -83,6 +84,12 @@ def _refuse_concave(shapes: Polyhedra) -> None:
             "shapes must be closed and convex, faces counter-clockwise seen from outside; not so: "
             f"{name_offenders(bad)}"
         )
+    bent = found.dents > FLAT
+    if not bent.any():
+        return shapes
+    each = (select(shapes, np.array([i]))[0] for i in range(len(shapes)))
+    hulls = together(*(convex_hull(one.vertices) if is_bent else one for one, is_bent in zip(each, bent, strict=True)))
+    return sized(centred(hulls), 1.0)
 
 
 def diameters_of(sizes: ArrayLike | Law, n: int | None, rng: np.random.Generator) -> Floats:

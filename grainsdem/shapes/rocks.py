@@ -72,8 +72,8 @@ def rock(
         b/a and c/b of the edges a >= b >= c of the smallest box on a face (`grainsdem.box_axes`), in (0, 1]. They are
         had within a relative 1e-9.
     roundness : float, optional
-        Wadell's, as `grainsdem.roundness` measures it, had within 0.02: from about 0.1 to 0.75 can be. By default the rocks
-        are as they break, which is 0.47 ± 0.07 with 24 corners and 0.29 ± 0.07 with 12.
+        Wadell's, as `grainsdem.roundness` measures it, had within 0.02: from about 0.1 to 0.75 can be. By default the
+        rocks are as they break, which is 0.47 ± 0.07 with 24 corners and 0.29 ± 0.07 with 12.
     n_vertices : int, optional
         Corners at most, eight or more; there are about half as many faces. By default 24, or 64 of rounded rocks.
     diameter : float
