@@ -1,6 +1,6 @@
 """Draw shapes in a row, pour a mixture of them, and set the void ratio of a round sand beside that of broken stone.
 
-Run with ``--quick`` for a few grains.
+All of it takes half an hour on one core; run with ``--quick`` for a few grains.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def main() -> None:
     logging.basicConfig(level=logging.WARNING)
     n, different = (60, 5) if arguments.quick else (700, 100)
     row = in_rows(some_of_each(), 5)
-    print(f"drawn in {gd.figures.render(row, arguments.output / 'shapes.png', color_by='id')}")
+    print(f"drawn in {gd.figures.render(row, arguments.output / 'shapes.png', color_by='id', size=(960, 720))}")
     kinds = [
         gd.shapes.rock(different, elongation=0.7, flatness=0.6, rng=1),
         gd.shapes.prism(6, aspect=3.0),
@@ -73,7 +73,7 @@ def main() -> None:
     side = 1.1e-3 * n ** (1 / 3)
     loose = gd.pack(kinds, stats.lognorm(s=0.3, scale=SIZE), gd.Domain.box((side, side, side)), n=n, by="mass", rng=1)
     poured = gd.settle(loose, **HOW).packing
-    path = gd.figures.render(poured, arguments.output / "shapes_poured.png", color_by="class")
+    path = gd.figures.render(poured, arguments.output / "shapes_poured.png", color_by="class", size=(800, 600))
     print(f"drawn in {path}")
     round_sand = gd.shapes.rock(different, elongation=0.85, flatness=0.85, roundness=0.7, rng=2)
     broken = gd.shapes.rock(different, elongation=0.75, flatness=0.7, roundness=0.2, rng=2)
