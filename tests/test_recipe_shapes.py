@@ -102,12 +102,21 @@ def test_tables_that_make_no_sense_are_refused_in_a_line():
             "less than or equal to 1; got 2",
         ),
         ({"grains": {"shapes": {**one, "kinds": [{"shape": "rock", "size": 2}]}}}, "size: unknown key"),
-        ({"grains": {"shapes": one}, "settle": {}, "domain": {"periodic": "q"}}, "periodic"),
+        ({"grains": {"shapes": one}, "domain": {"periodic": "xy"}}, "give its lengths or side"),
     ]
     for tables, words in cases:
         with pytest.raises(InputError, match=words) as caught:
             recipes.make(**tables)
         assert "\n" not in str(caught.value)
+
+
+@pytest.mark.unit
+def test_a_survey_of_what_does_not_grow_is_refused(written):
+    with pytest.raises(InputError, match="grains of shapes lie loose"):
+        list(gd.survey.read(written, vary={"grains.shapes.count": [20, 40]}).jobs())
+    done = run("seeds", str(written))
+    assert done.exit_code == 2
+    assert "grow from no seeds" in done.output
 
 
 @pytest.mark.unit

@@ -63,6 +63,8 @@ def _sown(path: Path) -> tuple[NDArray[np.float64], Domain]:
     from grainsdem.tessellation import relax
 
     recipe = recipes.read(path)
+    if recipe.grains.shapes is not None:
+        raise InputError(f"{path}: grains of shapes grow from no seeds")
     if recipe.is_count_open:
         raise InputError(
             f"{path}: the number of seeds follows from the grains' size, as `generate` finds; give seeds.count"

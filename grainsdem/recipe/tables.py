@@ -146,6 +146,8 @@ class Recipe(Table):
     def _two_of_three(self) -> Self:
         """Of the domain in metres, the number of seeds and the grains' size, any two give the third."""
         if self.grains.shapes is not None:
+            if self.domain.periodic and not self.domain.is_measured:
+                raise ValueError("axes wrap around at the domain's lengths: give its lengths or side")
             return self
         sizes, count = self.grains.prescribed, self.seeds.count
         has_count = count is not None or not self.seeds.wants_count or (sizes is not None and sizes.is_list)

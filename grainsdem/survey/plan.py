@@ -88,6 +88,10 @@ class Survey:
         known: dict[str, dict[str, Any]] = {}
         for case, tables in self._cases():
             wanted = recipes.make(**{**tables, "rng": 0})
+            if wanted.grains.shapes is not None:
+                raise InputError(
+                    "a survey measures beds as they grow, and grains of shapes lie loose: leave out shapes"
+                )
             if wanted.has_chance:
                 wanted = recipes.make(**tables)
             elif self.repeats > 1 or "rng" in case:
