@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
+import exporters
 import grainsdem as gd
 from grainsdem.errors import InputError, ShapeError
 from grainsdem.model import Domain
@@ -144,6 +145,8 @@ def test_grains_of_a_pack_settle_and_keep_their_classes_everywhere(bed, tmp_path
     assert is_kept(gd.subset(bed, [200, 3, 77]))
     assert len(gd.subset(bed, [200, 3, 77]).classes) == 3
     assert np.array_equal(gd.table(bed, sieves=False)["class"], bed.classes)
+    (written,) = exporters.files(bed, ".vtu").values()
+    assert b'Name="class"' in written
     assert "class" not in gd.table(replace(bed, classes=None), sieves=False).dtype.names
     few = gd.subset(bed, range(20))
     settled = gd.settle(few, start="pour", rng=1, max_time=0.02)
