@@ -49,9 +49,9 @@ def test_right_angles_and_sharper_ones_have_no_roundness():
 
 @pytest.mark.unit
 def test_balls_come_near_to_one_with_their_corners():
-    found = [gd.roundness(gd.shapes.ellipsoid(1, 1, 1, n_vertices=n))[0] for n in (32, 64, 500)]
+    found = [gd.roundness(gd.shapes.ellipsoid(1, 1, 1, n_vertices=n))[0] for n in (32, 64, 200)]
     assert 0.8 < found[0] < found[1] < 1
-    assert found[2] == pytest.approx(1, abs=0.03)
+    assert found[2] == pytest.approx(1, abs=0.05)
 
 
 @pytest.mark.property

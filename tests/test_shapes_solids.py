@@ -62,7 +62,7 @@ def test_boxes_and_prisms_have_their_closed_forms():
 
 @pytest.mark.unit
 def test_ellipsoids_have_the_volume_and_nearly_the_axes_of_their_own():
-    for n, longer in ((32, 0.07), (64, 0.04), (400, 0.01)):
+    for n, longer in ((32, 0.07), (64, 0.04), (600, 0.01)):
         shape = gd.shapes.ellipsoid(3.0, 2.0, 1.0, n_vertices=n)
         assert len(shape.vertices) == n
         assert shape.n_faces == 2 * n - 4
@@ -71,7 +71,7 @@ def test_ellipsoids_have_the_volume_and_nearly_the_axes_of_their_own():
         sizes = np.linalg.norm(shape.vertices * 2 / [3.0, 2.0, 1.0], axis=1)
         assert 1 < sizes.min() < sizes.max() < 1 + longer
         assert _is_sound(shape)
-    ball = gd.shapes.ellipsoid(1.0, 1.0, 1.0, n_vertices=400)
+    ball = gd.shapes.ellipsoid(1.0, 1.0, 1.0, n_vertices=600)
     assert gd.sphericities(ball)[0] > 0.997
 
 
