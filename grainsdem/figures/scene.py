@@ -124,6 +124,29 @@ def set_scene(packing: Packing, color_by: str | ArrayLike, view: View | None = N
     )  # fmt: skip
 
 
+_KINDS = ("id", "class", "halves", "layers", "columns")
+"""Colours that tell grains, or groups of them, apart."""
+
+
+def _kind(
+    packing: Packing, color_by: str, right: NDArray[np.float64], heights: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], str | None, str]:
+    """Return what `_quantity` does of colours that tell grains apart."""
+    if color_by == "id":
+        # Multiples of the golden ratio: ids that follow one another get colours far apart.
+        return np.mod(np.arange(len(packing)) * 0.6180339887498949, 1.0), None, "Spectral"
+    if color_by == "class":
+        if packing.classes is None:
+            raise InputError("the grains have no classes to be coloured by")
+        return packing.classes.astype(np.float64), "class", "viridis"
+    if color_by == "halves":
+        return (right > np.median(right)).astype(np.float64), None, HALVES
+    # Of as many grains each, from the lowest to the highest, or from the left.
+    ranks = np.empty(len(packing))
+    ranks[np.argsort(heights if color_by == "layers" else right, kind="stable")] = np.arange(len(packing))
+    return np.floor(N_LAYERS * ranks / len(packing)), None, "Spectral"
+
+
 def _quantity(packing: Packing, color_by: str | ArrayLike) -> tuple[NDArray[np.float64], str | None, str]:
     """Return one value a grain, the title of its scale and the colours; no title for a scale that says nothing."""
     if not isinstance(color_by, str):
@@ -134,19 +157,8 @@ def _quantity(packing: Packing, color_by: str | ArrayLike) -> tuple[NDArray[np.f
     if color_by not in QUANTITIES:
         raise InputError(f"color_by must be {', '.join(QUANTITIES)} or one value a grain; got {color_by!r}")
     right, _, heights = _frame(packing.domain.is_planar) @ packing.positions.T
-    if color_by == "id":
-        # Multiples of the golden ratio: ids that follow one another get colours far apart.
-        return np.mod(np.arange(len(packing)) * 0.6180339887498949, 1.0), None, "Spectral"
-    if color_by == "class":
-        if packing.classes is None:
-            raise InputError("the grains have no classes to be coloured by")
-        return packing.classes.astype(np.float64), "class", "viridis"
-    if color_by == "halves":
-        return (right > np.median(right)).astype(np.float64), None, HALVES
-    if color_by in ("layers", "columns"):  # of as many grains each, from the lowest to the highest, or from the left
-        ranks = np.empty(len(packing))
-        ranks[np.argsort(heights if color_by == "layers" else right, kind="stable")] = np.arange(len(packing))
-        return np.floor(N_LAYERS * ranks / len(packing)), None, "Spectral"
+    if color_by in _KINDS:
+        return _kind(packing, color_by, right, heights)
     if color_by == "sphericity":
         return sphericities(packing.grains), "sphericity", "viridis"
     values = diameters(packing.grains) if color_by == "diameter" else heights

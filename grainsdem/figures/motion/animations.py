@@ -76,7 +76,7 @@ def animate(
     quaternions : array_like, shape (t, n, 4)
         Rotations (w, x, y, z) in each frame.
     color_by : {"diameter", "sphericity", "height", "id", "class", "layers", "columns", "halves"} or array_like
-        As in `render`, shape (n,); what a grain has in the first picture, or where it comes in, colours it all the time.
+        As in `render`, shape (n,); what a grain has in the first picture, or as it comes in, colours it all the time.
     size : tuple of int
         Width and height [pixels].
     seconds : float
