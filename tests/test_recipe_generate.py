@@ -89,7 +89,7 @@ def test_sizes_are_those_of_a_law_or_of_a_file(tmp_path):
         (["--sizes", "foo", "--porosity", 0.4], "got 'foo'"),
         (["--sizes", "lognorm", "--size-parameter", "s"], "key=value; got 's'"),
         (["--gap", 0.9], "half the gap must be below"),
-        (["--relation", "wadell"], "one of cho_2006_max, cho_2006_min; got 'wadell'"),
+        (["--relation", "wadell"], "one of cho_2006_max, cho_2006_min, terzaghi_1996; got 'wadell'"),
         (["--throats", 0.2], "no room to move"),
         (["--side", 0.01, "--mean-diameter", 1e-3], "got all three"),
         (["--side", 0.01, "--lengths", 1, 1, 1], "side is that of a cube"),
