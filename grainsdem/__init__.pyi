@@ -87,6 +87,7 @@ from .measures.sections import (
 from .measures.voxels import (
     Voxels,
     chord_lengths,
+    exact_specific_surface,
     specific_surface,
     two_point_correlation,
     voxelize,
@@ -195,6 +196,7 @@ __all__ = [
     "dynamics",
     "ellipsoid_axes",
     "ensemble",
+    "exact_specific_surface",
     "expected_section",
     "fabric_tensor",
     "face_planes",

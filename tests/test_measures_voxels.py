@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import subprocess
 import sys
 
 import numpy as np
@@ -20,6 +21,7 @@ from grainsdem.geometry.rotations import random_quaternions, world_vertices
 from grainsdem.measures.voxels import (
     Voxels,
     chord_lengths,
+    exact_specific_surface,
     specific_surface,
     two_point_correlation,
     voxelize,
@@ -28,6 +30,7 @@ from grainsdem.measures.voxels import (
 from grainsdem.model import Domain
 from grainsdem.packing import carve, shrink
 from grainsdem.points import poisson
+from grainsdem.storage import save
 from grainsdem.tessellation import relax, tessellate
 
 
@@ -173,6 +176,70 @@ def test_files_are_read_back_by_numpy_tifffile_and_pyvista(periodic, tmp_path):
 
 
 @pytest.mark.client
+def test_nrrd_and_raw_voxels_are_read_by_vtk_and_as_bare_bytes(periodic, tmp_path):
+    import pyvista
+
+    voxels = voxelize(periodic, per_diameter=8)
+    write_voxels(periodic, tmp_path / "a.nrrd", per_diameter=8)
+    write_voxels(periodic, tmp_path / "b.raw", per_diameter=8)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.nrrd", "b.nhdr", "b.raw"]
+    nz, ny, nx = voxels.labels.shape
+    # As a lattice-Boltzmann code in C reads it: x fastest.
+    bare = np.fromfile(tmp_path / "b.raw", dtype="<i4")
+    assert bare[1 + nx * (2 + ny * 3)] == voxels.labels[3, 2, 1]
+    np.testing.assert_array_equal(bare.reshape(nz, ny, nx), voxels.labels)
+    for name in ("a.nrrd", "b.nhdr"):
+        grid = pyvista.read(tmp_path / name)
+        assert grid.dimensions == (nx, ny, nz)
+        np.testing.assert_allclose(grid.spacing, voxels.spacing)
+        np.testing.assert_allclose(grid.origin, np.array(voxels.lower) + 0.5 * np.array(voxels.spacing))
+        np.testing.assert_array_equal(grid.active_scalars.reshape(nz, ny, nx), voxels.labels)
+    write_voxels(periodic, tmp_path / "c.nrrd", size=0.05, phase=True)
+    np.testing.assert_array_equal(
+        pyvista.read(tmp_path / "c.nrrd").active_scalars, voxelize(periodic, size=0.05).phase().ravel()
+    )
+
+
+@pytest.mark.client
+@pytest.mark.slow
+def test_porespy_takes_the_phases_and_finds_the_porosity_and_one_void(periodic, tmp_path, environment):
+    write_voxels(periodic, tmp_path / "phase.npy", per_diameter=12, phase=True)
+    script = """if True:
+        import json, sys
+        import numpy, porespy
+        void = numpy.load(sys.argv[1]) == 0
+        parts = porespy.filters.find_disconnected_voxels(void)
+        print(json.dumps([float(porespy.metrics.porosity(void)), int(parts.sum())]))
+    """
+    python = environment("porespy", "porespy")
+    told = subprocess.run(
+        [python, "-c", script, tmp_path / "phase.npy"], capture_output=True, text=True, check=True, cwd=tmp_path
+    )
+    porosity, closed = json.loads(told.stdout.splitlines()[-1])
+    assert porosity == pytest.approx(voxelize(periodic, per_diameter=12).porosity(), abs=1e-12)
+    assert closed == 0  # gaps of three voxels and more: the void is one
+
+
+@pytest.mark.unit
+def test_the_exact_surface_is_that_of_the_faces_and_coarse_voxels_are_told(periodic, tmp_path, caplog):
+    exact = exact_specific_surface(periodic)
+    assert exact == pytest.approx(integrate(periodic.grains).areas.sum() / periodic.domain.volume)
+    slab = Domain.slab((1.0, 1.0), 0.1)
+    flat = carve(tessellate([[0.5, 0.5]], slab), keep="all")
+    assert exact_specific_surface(flat) == pytest.approx(4.0)
+    save(periodic, tmp_path / "bed.h5")
+    for per_diameter, is_wrong in ((5, True), (40, False)):
+        caplog.clear()
+        words = ["phases", str(tmp_path / "bed.h5"), "--per-diameter", str(per_diameter), "--json"]
+        result = CliRunner().invoke(app, words)
+        assert result.exit_code == 0, result.output
+        found = json.loads(result.stdout)
+        assert found["specific_surface_exact"] == pytest.approx(exact)
+        assert any("is off by" in record.getMessage() for record in caplog.records) is is_wrong
+        assert is_wrong or found["specific_surface"] == pytest.approx(exact, rel=0.05)
+
+
+@pytest.mark.client
 def test_the_two_phase_function_is_written_in_one_byte_a_voxel(periodic, tmp_path):
     import pyvista
 
@@ -193,8 +260,8 @@ def test_a_broken_off_file_leaves_nothing_and_other_suffixes_are_refused(periodi
         write_voxels(periodic, tmp_path / "a.npy", size=0.1, progress=stop)
     with pytest.raises(WriteError, match="cannot be written"):
         write_voxels(periodic, tmp_path / "no" / "a.npy", size=0.1)
-    with pytest.raises(FileFormatError, match=r"\.npy, \.tif, \.tiff, \.vti; got '\.raw'"):
-        write_voxels(periodic, tmp_path / "a.raw", size=0.1)
+    with pytest.raises(FileFormatError, match=r"\.npy, \.nrrd, \.raw, \.tif, \.tiff, \.vti; got '\.bin'"):
+        write_voxels(periodic, tmp_path / "a.bin", size=0.1)
     monkeypatch.setitem(sys.modules, "tifffile", None)
     with pytest.raises(MissingPackageError, match=r'pip install "grainsdem\[images\]"'):
         write_voxels(periodic, tmp_path / "a.tif", size=0.1)

@@ -15,15 +15,22 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 
 from grainsdem.errors import InputError
+from grainsdem.geometry.integrals import face_planes
 from grainsdem.geometry.raster.lattice import OUTSIDE, VOID
 from grainsdem.geometry.raster.lines import count_pairs, run_lengths
+from grainsdem.model.given import require_packing
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from grainsdem.measures.voxels.labels import Voxels
+    from grainsdem.model import Packing
 
     Floats = NDArray[np.float64]
+
+
+WRONG = 0.05
+"""Relative error of a surface above which the resolution is told to be too coarse."""
 
 
 class Chords(NamedTuple):
@@ -85,6 +92,27 @@ def chord_lengths(voxels: Voxels, axis: Literal["x", "y", "z"] = "x") -> Chords:
     used = np.flatnonzero(solid + void)
     n = int(used[-1]) + 1 if used.size else 1
     return Chords(voxels.spacing[number] * np.arange(n), solid[:n], void[:n])
+
+
+def exact_specific_surface(packing: Packing) -> float:
+    """Return the surface [m⁻¹] of all grains over the volume of their domain, from their faces.
+
+    Parameters
+    ----------
+    packing : Packing
+        Grains that do not overlap. In a planar bed it is perimeter over area: that of the prisms' sides.
+
+    Notes
+    -----
+    What `specific_surface` of voxels of the whole domain would be, were they fine enough. Where grains touch in faces,
+    these count for both.
+    """
+    require_packing(packing)
+    planes = face_planes(packing.grains)
+    areas = planes.areas
+    if packing.domain.is_planar:
+        areas = areas[np.abs(planes.normals[:, 2]) < 0.5]
+    return float(areas.sum() / packing.domain.volume)
 
 
 def specific_surface(voxels: Voxels, *, method: Literal["correlation", "crofton"] = "correlation") -> float:

@@ -1,4 +1,9 @@
-"""Voxels as files, written layer by layer: NumPy arrays, TIFF stacks, and image data for ParaView."""
+"""Voxels as files, written layer by layer: NumPy arrays, TIFF stacks, NRRD, bare bytes, and image data for ParaView.
+
+References
+----------
+.. [1] Teem, "Definition of NRRD file format": attached (.nrrd) and detached (.nhdr) headers, version 4.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +26,7 @@ if TYPE_CHECKING:
     from grainsdem.geometry.raster.lattice import Lattice
     from grainsdem.model import Packing
 
-SUFFIXES = (".npy", ".tif", ".tiff", ".vti")
+SUFFIXES = (".npy", ".nrrd", ".raw", ".tif", ".tiff", ".vti")
 """What `write_voxels` writes."""
 
 
@@ -64,7 +69,9 @@ def write_voxels(
         Convex grains.
     path : str or path-like
         ``.npy``: an array of shape (nz, ny, nx). ``.tif``: a page a layer, from below, row 0 at the smallest y.
-        ``.vti``: image data for ParaView, a cell a voxel.
+        ``.vti``: image data for ParaView, a cell a voxel. ``.nrrd``: a header of numbers and edges, and the voxels.
+        ``.raw``: the voxels alone, x fastest, then y and z, little-endian, as lattice-Boltzmann codes read them, and
+        such a header beside them, ``.nhdr``.
     size, per_diameter, region
         As for `voxelize`.
     phase : bool
@@ -104,9 +111,12 @@ def write_voxels(
             if progress is not None:
                 progress(written / lattice.shape[0])
 
-    write = {".npy": _write_npy, ".vti": _write_vti}.get(target.suffix.lower(), _write_tiff)
+    writers = {".npy": _write_npy, ".vti": _write_vti, ".nrrd": _write_nrrd, ".raw": _write_raw}
     with replacing(target) as temporary:
-        write(temporary, lattice, dtype, blocks())
+        writers.get(target.suffix.lower(), _write_tiff)(temporary, lattice, dtype, blocks())
+    if target.suffix.lower() == ".raw":
+        with replacing(target.with_suffix(".nhdr")) as temporary:
+            temporary.write_bytes(_nrrd_header(lattice, dtype, target.name))
     solid, inside = tally.tolist()
     sx, sy, sz = lattice.spacing.tolist()
     return VoxelFile(target, lattice.counts, (sx, sy, sz), 1 - solid / inside if inside else float("nan"))
@@ -180,3 +190,42 @@ _"""
         for block in blocks:
             file.write(block.astype(dtype.newbyteorder("<"), copy=False).data)
         file.write(b"\n</AppendedData>\n</VTKFile>\n")
+
+
+def _write_raw(
+    path: Path, lattice: Lattice, dtype: np.dtype[np.generic], blocks: Iterator[NDArray[np.generic]]
+) -> None:
+    del lattice  # its header stands in a file of its own
+    with path.open("wb") as file:
+        for block in blocks:
+            file.write(block.astype(dtype.newbyteorder("<"), copy=False).data)
+
+
+def _write_nrrd(
+    path: Path, lattice: Lattice, dtype: np.dtype[np.generic], blocks: Iterator[NDArray[np.generic]]
+) -> None:
+    with path.open("wb") as file:
+        file.write(_nrrd_header(lattice, dtype, None))
+        for block in blocks:
+            file.write(block.astype(dtype.newbyteorder("<"), copy=False).data)
+
+
+def _nrrd_header(lattice: Lattice, dtype: np.dtype[np.generic], data: str | None) -> bytes:
+    """Return the header of NRRD, with the name of the file that has the data where that is another."""
+    sx, sy, sz = lattice.spacing.tolist()
+    origin = ",".join(map(repr, (lattice.lower + 0.5 * lattice.spacing).tolist()))
+    lines = [
+        "NRRD0004",
+        f"type: {dtype.name}",
+        "dimension: 3",
+        "space dimension: 3",
+        f"sizes: {' '.join(map(str, lattice.counts))}",
+        f"space directions: ({sx!r},0,0) (0,{sy!r},0) (0,0,{sz!r})",
+        f"space origin: ({origin})",
+        'space units: "m" "m" "m"',
+        "kinds: domain domain domain",
+        "endian: little",
+        "encoding: raw",
+        *([] if data is None else [f"data file: {data}"]),
+    ]
+    return ("\n".join(lines) + ("\n\n" if data is None else "\n")).encode("utf-8")

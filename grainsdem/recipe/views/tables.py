@@ -24,14 +24,14 @@ class VoxelsTable(ViewTable):
     per_diameter : float, optional
         Voxels along a mean diameter, 20 by default; instead of ``size``.
     formats : list of str
-        Among ``"vti"``, ``"npy"`` and ``"tif"``.
+        Among ``"vti"``, ``"npy"``, ``"tif"``, ``"nrrd"`` and ``"raw"``.
     phase : bool
         Whether 1 is written in grains and 0 elsewhere, not which grain.
     """
 
     size: Positive | None = None
     per_diameter: Positive | None = None
-    formats: tuple[Literal["vti", "npy", "tif"], ...] = ("vti",)
+    formats: tuple[Literal["vti", "npy", "tif", "nrrd", "raw"], ...] = ("vti",)
     phase: bool = False
 
     @model_validator(mode="after")
