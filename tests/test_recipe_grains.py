@@ -251,9 +251,8 @@ def test_the_recipes_of_the_documentation_can_be_read(tmp_path):
         # A survey's table stands in a recipe that is read as one of many.
         tables = tomllib.loads(f"{whole}\n{part}")
         tables.pop("survey", None)
-        if {"sieves", "layer"} & set(
-            tables["grains"]
-        ):  # they say how large grains are, and layers have their own seeds
+        # These say how large grains are, and layers have seeds of their own.
+        if {"sieves", "layer"} & set(tables["grains"]):
             del tables["grains"]["mean_diameter"], tables["seeds"]["relax"]
         assert recipes.make(**tables).seeds.process == "poisson"
     (swept,) = (part for part in parts if "seeds.process = [" in part)

@@ -116,6 +116,7 @@ class _Growth:
                     seeds,
                     domain,
                     iterations=total,
+                    density=self._density(metric),
                     progress=lambda done: tell(done / total, f"iteration {done} of {total}"),
                 )
         with monitor.stage("Growing grains") as tell:
@@ -133,6 +134,14 @@ class _Growth:
             else:
                 cells, self.wanted = sized(asked, seeds, domain, rng, keep=keep, metric=metric, progress=told)
             return cells
+
+    def _density(self, metric: Metric | None) -> Callable[[NDArray[np.float64]], NDArray[np.float64]] | None:
+        """Return the density that seeds are relaxed by, a function of points [m] of the space that they are in."""
+        grade = self._recipe.seeds.grade
+        if grade is None:
+            return None
+        density = grade.grade().density(self._recipe.domain.make())
+        return density if metric is None else lambda places: density(metric.forward(places))
 
 
 def _counted(recipe: Recipe, tell: Callable[[float, str], None]) -> tuple[Recipe, int]:

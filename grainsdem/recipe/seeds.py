@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Self, get
 from pydantic import Field, model_validator
 
 from grainsdem import points
+from grainsdem.points.grade import STEEPEST, Axis, Grade
 from grainsdem.recipe.base import Positive, Table
 
 if TYPE_CHECKING:
@@ -24,6 +25,25 @@ Unit = Annotated[float, Field(ge=0, le=1)]
 Corner = tuple[float, float, float]
 
 
+class GradeTable(Table):
+    """``grade`` of ``[seeds]``: sizes of grains that go linearly along an axis.
+
+    Parameters
+    ----------
+    ratio : float
+        Size at the upper end of the domain over that at the lower end: below one the bed fines upward.
+    along : {"x", "y", "z"}
+        The axis.
+    """
+
+    ratio: Annotated[float, Field(ge=1 / STEEPEST, le=STEEPEST)]
+    along: Axis = "z"
+
+    def grade(self) -> Grade:
+        """Return the grade."""
+        return Grade(self.ratio, self.along)
+
+
 class SeedsTable(Table):
     """``[seeds]``: where grains grow. Lengths are those of the domain: in metres unless the bed is scaled to a size.
 
@@ -37,6 +57,9 @@ class SeedsTable(Table):
         Number of seeds; without it, and with a size of grains, it follows from the domain's.
     relax : int
         Lloyd iterations: more make grains rounder and more alike.
+    grade : table
+        ``{ratio = 0.5, along = "z"}``: seeds of Halton, Poisson and Strauss are moved along an axis, and relaxed by the
+        density of the paper's equation 3, so that the size of the grains goes linearly from one end to the other.
     path : str
         File of points (`points.read`), of a density (``.npy``, ``.npz``) or of an image, relative to the recipe.
     fit, bounds : bool, two corners
@@ -74,6 +97,7 @@ class SeedsTable(Table):
     process: Process = "halton"
     count: Count | None = None
     relax: Annotated[int, Field(ge=0)] = 0
+    grade: GradeTable | None = None
     path: str | None = None
     fit: bool = False
     bounds: tuple[Corner, Corner] | None = None
@@ -127,12 +151,14 @@ class SeedsTable(Table):
             unwanted = ", and no count" if self.process == "file" else ""
             raise ValueError(f"process {self.process!r} needs {' and '.join(keys.needed)}{unwanted}")
         takes = ["count", *keys.needed, *keys.optional]
-        foreign = [name for name in given if name not in (*takes, "process", "relax")]
+        foreign = [name for name in given if name not in (*takes, "process", "relax", "grade")]
         if foreign:
             raise ValueError(
                 f"process {self.process!r} takes {', '.join(takes)}; got {', '.join(foreign)} (keys of another process "
                 f"alone stand in a table of its own, such as [seeds.cluster])"
             )
+        if self.grade is not None and self.process not in _EVEN:
+            raise ValueError(f"seeds of {', '.join(_EVEN)} are graded, which lie evenly; got process {self.process!r}")
         numbers = [name for name in ("count", "parents", "children") if name in given]
         if self.process == "cluster" and len(numbers) > 2:
             raise ValueError("process 'cluster' takes two of count, parents and children; got all three")
@@ -168,6 +194,9 @@ class _Keys(NamedTuple):
     optional: tuple[str, ...]
 
 
+_EVEN = ("halton", "poisson", "strauss", "strauss_process")
+"""Processes whose seeds are as many everywhere."""
+
 _CONTRAST = ("gain", "cutoff", "threshold", "floor")
 _DEFAULTS = {name: field.default for name, field in SeedsTable.model_fields.items()}
 _KEYS: dict[str, _Keys] = {
@@ -187,7 +216,8 @@ def place(table: SeedsTable, domain: Domain, rng: np.random.Generator) -> NDArra
     """Return the seeds [m], shape (n, 3), that a table describes, before relaxation."""
     keys = _KEYS[table.process]
     options = {name: getattr(table, name) for name in (*keys.needed, *keys.optional)}
-    return _PLACERS[table.process](domain, table.count, rng=rng, **options)
+    seeds = _PLACERS[table.process](domain, table.count, rng=rng, **options)
+    return seeds if table.grade is None else table.grade.grade().moved(seeds, domain)
 
 
 def _halton(domain: Domain, n: int, *, scramble: str, rng: np.random.Generator, **options: Any) -> NDArray[np.float64]:

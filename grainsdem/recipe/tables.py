@@ -185,6 +185,12 @@ class Recipe(Table):
         return self
 
     @model_validator(mode="after")
+    def _sizes_are_said_once(self) -> Self:
+        if self.seeds.grade is not None and (self.grains.prescribed is not None or self.grains.shapes is not None):
+            raise ValueError("seeds.grade lets sizes follow from place: leave out sizes, sieves, layers and shapes")
+        return self
+
+    @model_validator(mode="after")
     def _rng_has_a_use(self) -> Self:
         """Refuse an rng that would change nothing: beds that differ by it alone would be copies of one."""
         later = (self.settle, self.planform, *self.experiments().values())
