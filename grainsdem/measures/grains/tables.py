@@ -12,7 +12,7 @@ from grainsdem.geometry.forms.sizes import grain_diameters, grain_sphericities
 from grainsdem.geometry.integrals import face_planes, integrate
 from grainsdem.geometry.rotations import to_matrices, world_vertices
 from grainsdem.measures.grains.directions import principal_axes, trend_and_plunge
-from grainsdem.measures.grains.shapes import box_axes, ellipsoid_axes, krumbein, zingg
+from grainsdem.measures.grains.shapes import box_axes, ellipsoid_axes, krumbein, roundness, zingg
 from grainsdem.measures.grains.sizes import percentiles, sieve_diameters
 from grainsdem.measures.porosity import core_box, porosity
 from grainsdem.model.given import require_packing
@@ -51,8 +51,9 @@ def table(packing: Packing, *, sieves: bool = True) -> NDArray[np.void]:
     -------
     structured ndarray, shape (n,)
         ``id``; centroid ``x``, ``y``, ``z`` [m]; ``volume`` [m³]; ``area`` [m²]; ``diameter`` [m] of the sphere of
-        equal volume; Wadell's ``sphericity``; ``n_faces``; ``n_vertices``; ``mass`` [kg]; axes ``a``, ``b``, ``c`` [m]
-        of the ellipsoid of equal inertia (`ellipsoid_axes`), ``a_trend``, ``a_plunge``, ``c_trend`` and ``c_plunge``
+        equal volume; Wadell's ``sphericity`` and ``roundness``; ``n_faces``; ``n_vertices``; ``mass`` [kg]; axes ``a``,
+        ``b``, ``c`` [m] of the ellipsoid of equal inertia (`ellipsoid_axes`), ``a_trend``, ``a_plunge``, ``c_trend``,
+        ``c_plunge``
         [rad], where its long and its short axis point (`trend_and_plunge`); ``box_a``, ``box_b``, ``box_c`` [m] of the
         smallest box on a face (`box_axes`); from that box Krumbein's sphericity ``krumbein``, ``elongation`` b/a,
         ``flatness`` c/b and the class ``zingg``; and ``sieve_diameter`` [m], the smallest square hole
@@ -79,6 +80,7 @@ def table(packing: Packing, *, sieves: bool = True) -> NDArray[np.void]:
     columns["area"] = measured.areas
     columns["diameter"] = grain_diameters(packing, measured)
     columns["sphericity"] = grain_sphericities(packing, measured)
+    columns["roundness"] = roundness(packing)
     columns["n_faces"] = np.diff(packing.grains.face_offsets).astype(np.int32)
     columns["n_vertices"] = np.diff(packing.grains.vertex_offsets).astype(np.int32)
     columns["mass"] = packing.densities * measured.volumes
