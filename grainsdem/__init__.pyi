@@ -76,12 +76,15 @@ from .measures import (
 from .measures.planform import Planform, photograph, planform, planform_bias, planform_table, write_planform
 from .measures.sections import (
     Section,
+    SectionKernel,
+    Unfolded,
     expected_section,
     mean_widths,
     section,
     section_profile,
     section_summary,
     section_table,
+    unfold,
     widths,
 )
 from .measures.voxels import (
@@ -162,6 +165,7 @@ __all__ = [
     "Relaxation",
     "Report",
     "Section",
+    "SectionKernel",
     "SettleReport",
     "Settled",
     "Shape",
@@ -171,6 +175,7 @@ __all__ = [
     "SizeStatistics",
     "SortingRelation",
     "Tessellation",
+    "Unfolded",
     "UnstableError",
     "ValidationError",
     "VoidRelation",
@@ -273,6 +278,7 @@ __all__ = [
     "trend_and_plunge",
     "triaxial",
     "two_point_correlation",
+    "unfold",
     "validate",
     "volumes",
     "voxelize",

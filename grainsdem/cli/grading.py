@@ -1,4 +1,4 @@
-"""The command that looks at a laboratory's sieve sheet."""
+"""Commands that look at what a laboratory measured: sieve sheets, and sections."""
 
 from __future__ import annotations
 
@@ -14,6 +14,9 @@ from grainsdem.measures.distributions.sheets import Unit
 from grainsdem.model.grading import Diameter
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from grainsdem.measures.distributions.fits import SizeFit
     from grainsdem.measures.distributions.sheets import SieveSheet
     from grainsdem.model import Packing
@@ -106,3 +109,74 @@ def _held_against(sheet: SieveSheet, packing: Packing, diameter: Diameter) -> di
         "passing": passing,
         "deviation": float(np.abs(np.array(passing) - sheet.passing).max()),
     }
+
+
+@app.command()
+@guarded
+def unfold(
+    sections: Annotated[
+        Path,
+        typer.Argument(
+            help="Equal-area diameters of sections [m], one a line (.txt, .csv), or a table of polygons that `section` "
+            "wrote.",
+            show_default=False,
+        ),
+    ],
+    kernel: Annotated[
+        Path | None,
+        typer.Option(
+            help="A bed of grains of the same kind, of any sizes: what sections such grains have. By default balls."
+        ),
+    ] = None,
+    table: Annotated[Path | None, typer.Option(help="Also write the classes: .csv, .parquet or .h5.")] = None,
+    json_: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Say how large grains are from the sizes of their sections in a plane at random."""
+    import grainsdem
+    from grainsdem.measures.grains.files import check_table
+    from grainsdem.screen import print_facts
+
+    if table is not None:
+        check_table(table)
+    sizes = _diameters(sections)
+    found = grainsdem.unfold(sizes, None if kernel is None else grainsdem.SectionKernel.of(load(kernel)))
+    marks = (10, 16, 50, 84, 90)
+    told = {
+        by: dict(zip([f"d{mark}" for mark in marks], found.percentiles(marks, by=by).tolist(), strict=True))
+        for by in ("number", "volume")
+    }
+    if table is not None:
+        grainsdem.write_table(found.table(), table)
+    if json_:
+        print_json({"n_sections": len(sizes), **told})
+    elif not quiet:
+        lines = {
+            f"by {by}, mm": ", ".join(f"{mark} {1e3 * size:.4g}" for mark, size in sizes.items())
+            for by, sizes in told.items()
+        }
+        print_facts(out, f"{sections}: {len(sizes)} sections", lines)
+
+
+def _diameters(path: Path) -> NDArray[np.float64]:
+    """Return the diameters [m] of a list, or of those polygons of a table that count."""
+    import csv
+
+    import numpy as np
+
+    from grainsdem.errors import FileFormatError, MissingFileError
+    from grainsdem.points import text
+
+    if not path.is_file():
+        raise MissingFileError(f"{path}: no such file")
+    content = text.decoded(path.read_bytes())
+    rows = list(csv.DictReader(content.splitlines()))
+    if rows and {"diameter", "is_counted"} <= set(rows[0]):
+        try:
+            return np.array([float(row["diameter"]) for row in rows if row["is_counted"] in ("1", "True", "true")])
+        except (TypeError, ValueError) as error:
+            raise FileFormatError(f"{path}: not a table of sections: {error}") from error
+    try:
+        return text.listed(path.read_bytes())
+    except FileFormatError as error:
+        raise FileFormatError(f"{path}: {error}") from error
