@@ -23,7 +23,7 @@ def make(*, quick: bool, pour: bool) -> gd.Packing:
     cells = gd.tessellate(gd.relax(seeds, domain, iterations=2), domain)
     # Cells at the flat top are dropped, so that the bed has a surface of its own.
     bed = gd.shrink(gd.carve(cells, keep="all" if pour else "inside"), porosity=0.35)
-    return gd.settle(gd.shuffle(bed, rng=4), friction=0.5).packing if pour else bed
+    return gd.settle(gd.scatter(bed, rng=4), friction=0.5).packing if pour else bed
 
 
 def main() -> None:
