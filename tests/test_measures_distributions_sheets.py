@@ -5,8 +5,8 @@ import pytest
 
 from grainsdem.errors import FileFormatError, InputError, MissingFileError, ShapeError
 from grainsdem.measures import SieveSheet, fit_sieves, read_sieves, sieve_statistics
-from grainsdem.measures.distributions.sheet_files import parse_sieves
-from grainsdem.measures.distributions.sheets import ASTM, opening
+from grainsdem.measures.distributions.sheets.reading import parse_sieves
+from grainsdem.measures.distributions.sheets.sheet import ASTM, opening
 
 pytestmark = pytest.mark.unit
 

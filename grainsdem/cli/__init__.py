@@ -16,10 +16,10 @@ from grainsdem.cli.options import app, out
 # isort: off
 import grainsdem.cli.making
 import grainsdem.cli.packing
-import grainsdem.cli.seeding
-import grainsdem.cli.checking
-import grainsdem.cli.grading
-import grainsdem.cli.seeing
+import grainsdem.cli.looking.seeding
+import grainsdem.cli.looking.checking
+import grainsdem.cli.looking.grading
+import grainsdem.cli.looking.seeing
 import grainsdem.cli.writing
 import grainsdem.cli.moving
 import grainsdem.cli.experiments

@@ -1,11 +1,11 @@
 """Pictures: renders, sections and planforms of packings, curves of sizes, contacts and energy. All PNG, no window."""
 
-from grainsdem.figures.gradings import grading_figure
+from grainsdem.figures.grains.gradings import grading_figure
+from grainsdem.figures.grains.stereonets import stereonet
 from grainsdem.figures.motion import animate, replay
 from grainsdem.figures.plots import coordination_histogram, energy_plot, size_histogram
 from grainsdem.figures.renders import render
 from grainsdem.figures.seen import phase_figure, planform_figure, section_figure
-from grainsdem.figures.stereonets import stereonet
 from grainsdem.looks import QUANTITIES
 
 __all__ = [

@@ -5,8 +5,7 @@ from grainsdem.packing.contacts import contacts, neighbor_contacts
 from grainsdem.packing.heal import Healed, heal
 from grainsdem.packing.inset import inset
 from grainsdem.packing.optimal import VOID_RELATIONS, SortingRelation, VoidRelation, fit_void_ratio
-from grainsdem.packing.scaling import ratio_to, rescale, resize, size_of
-from grainsdem.packing.shrink import shrink
+from grainsdem.packing.shrink import ratio_to, rescale, resize, shrink, size_of
 from grainsdem.packing.shuffle import shuffle
 from grainsdem.packing.throats import jitter_throats, throat_widths
 

@@ -3,8 +3,8 @@
 from grainsdem.points.check import check_seeds
 from grainsdem.points.cluster import cluster_poisson
 from grainsdem.points.fields import from_density, from_image, image_density, noise_field, pink_noise, read_density
+from grainsdem.points.fields.grade import Grade
 from grainsdem.points.files import read, scaled, write
-from grainsdem.points.grade import Grade
 from grainsdem.points.halton import halton
 from grainsdem.points.patterns import clark_evans, describe, nearest_distances, pair_correlation, ripley_k
 from grainsdem.points.poisson import poisson

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Self, get
 from pydantic import Field, model_validator
 
 from grainsdem import points
-from grainsdem.points.grade import STEEPEST, Axis, Grade
+from grainsdem.points.fields.grade import STEEPEST, Axis, Grade
 from grainsdem.recipe.base import Positive, Table
 
 if TYPE_CHECKING:

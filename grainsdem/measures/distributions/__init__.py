@@ -3,8 +3,8 @@
 from grainsdem.measures.distributions.fits import FAMILIES, SizeFit, fit_sizes
 from grainsdem.measures.distributions.hyperbolic import LogHyperbolic
 from grainsdem.measures.distributions.normal import LogNormal, Normal
-from grainsdem.measures.distributions.sheet_files import read_sieves
-from grainsdem.measures.distributions.sheets import SieveSheet
+from grainsdem.measures.distributions.sheets.reading import read_sieves
+from grainsdem.measures.distributions.sheets.sheet import SieveSheet
 from grainsdem.measures.distributions.sieves import fit_sieves, sieve_statistics
 from grainsdem.measures.distributions.statistics import (
     PhiStatistics,

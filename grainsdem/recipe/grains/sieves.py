@@ -8,8 +8,8 @@ from pydantic import Field, model_validator
 
 from grainsdem.errors import InputError
 from grainsdem.measures.distributions.fits import Family
-from grainsdem.measures.distributions.sheet_files import read_sieves
-from grainsdem.measures.distributions.sheets import SieveSheet, Unit, opening
+from grainsdem.measures.distributions.sheets.reading import read_sieves
+from grainsdem.measures.distributions.sheets.sheet import SieveSheet, Unit, opening
 from grainsdem.measures.distributions.sieves import fit_sieves
 from grainsdem.model import Grading
 from grainsdem.model.grading import Diameter

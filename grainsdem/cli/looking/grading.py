@@ -9,8 +9,8 @@ import typer
 
 from grainsdem.cli.options import Json, Quiet, app, err, guarded, load, out, print_json
 from grainsdem.errors import InputError
-from grainsdem.measures.distributions.sheet_files import Kind
-from grainsdem.measures.distributions.sheets import Unit
+from grainsdem.measures.distributions.sheets.reading import Kind
+from grainsdem.measures.distributions.sheets.sheet import Unit
 from grainsdem.model.grading import Diameter
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from grainsdem.measures.distributions.fits import SizeFit
-    from grainsdem.measures.distributions.sheets import SieveSheet
+    from grainsdem.measures.distributions.sheets.sheet import SieveSheet
     from grainsdem.model import Packing
 
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from grainsdem.measures.distributions.sheets import SieveSheet
+    from grainsdem.measures.distributions.sheets.sheet import SieveSheet
     from grainsdem.model import Packing
     from grainsdem.model.grading import Diameter, Distribution
 

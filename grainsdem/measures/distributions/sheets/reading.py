@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from grainsdem.errors import FileFormatError, InputError, MissingFileError
-from grainsdem.measures.distributions.sheets import WHOLE, SieveSheet, Unit, check_unit, opening
+from grainsdem.measures.distributions.sheets.sheet import WHOLE, SieveSheet, Unit, check_unit, opening
 from grainsdem.points import text
 
 if TYPE_CHECKING:
