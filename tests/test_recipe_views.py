@@ -70,7 +70,7 @@ def test_a_recipe_that_asks_for_no_view_is_told_as_before():
     [
         ({"voxels": {"size": 1e-4, "per_diameter": 9}}, r"voxels: give size or per_diameter, not both"),
         ({"voxels": {"edge": 1e-4}}, r"voxels\.edge: unknown key; allowed are size, per_diameter, formats, phase"),
-        ({"voxels": {"formats": ["raw"]}}, r"voxels\.formats"),
+        ({"voxels": {"formats": ["bin"]}}, r"voxels\.formats"),
         ({"section": {"at": 2}}, r"section\.at: .*less than or equal to 1; got 2"),
         ({"section": {"axis": "w"}}, r"section\.axis"),
         ({"planform": {"light": [0, 0, -1]}}, r"planform\.light"),
