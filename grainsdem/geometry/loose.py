@@ -132,12 +132,12 @@ def _between(all_, j, place, between):  # type: ignore[no-untyped-def]
 def _find_near(all_, i, place, near, between):  # type: ignore[no-untyped-def]
     """Fill the bodies whose spheres meet that of body i at a place, and return how many there are."""
     size, found = all_.heads.size, 0
-    most = all_.outer[all_.order[0]]
+    most, spans = all_.outer[all_.order[0]], np.empty((3, 2), dtype=np.int64)
     for level in range(all_.levels[i] + 1):
         reach = all_.outer[i] + most * 0.5**level + all_.gap
-        x0, x1 = _span(all_, place, reach, level, 0)
-        y0, y1 = _span(all_, place, reach, level, 1)
-        z0, z1 = _span(all_, place, reach, level, 2)
+        for axis in range(3):  # not by constants: each would be compiled by itself
+            spans[axis, 0], spans[axis, 1] = _span(all_, place, reach, level, axis)
+        x0, x1, y0, y1, z0, z1 = spans[0, 0], spans[0, 1], spans[1, 0], spans[1, 1], spans[2, 0], spans[2, 1]
         nx, ny, nz = all_.counts[level, 0], all_.counts[level, 1], all_.counts[level, 2]
         for a in range(x0, x1 + 1):
             x = a % nx if nx > 0 else a
@@ -230,8 +230,10 @@ def _settle(all_, i, place, turn):  # type: ignore[no-untyped-def]
     for axis in range(4):
         all_.quaternions[i, axis] = turn[axis]
     level = all_.levels[i]
-    x, y, z = _cell(all_, place, level, 0), _cell(all_, place, level, 1), _cell(all_, place, level, 2)
-    bucket = _bucket(x, y, z, level, all_.heads.size)
+    cell = np.empty(3, dtype=np.int64)
+    for axis in range(3):
+        cell[axis] = _cell(all_, place, level, axis)
+    bucket = _bucket(cell[0], cell[1], cell[2], level, all_.heads.size)
     all_.links[i] = all_.heads[bucket]
     all_.heads[bucket] = i
 
