@@ -174,7 +174,9 @@ def _blocked(all_, solids, simplex, i, place, near, found, between, push):  # ty
         j = near[k]
         distance = np.sqrt(_between(all_, j, place, between))
         # A plane between the two proves that they are farther apart than the gap; all else counts as overlap.
-        status, _, _ = descend(solids, np.int32(i), np.int32(j), between, all_.gap, simplex)
+        # Pairs of contacts have these indices, too: with others it would be compiled again.
+        first, second = np.int32(i), np.int32(j)
+        status, _, _ = descend(solids, first, second, between, all_.gap, simplex)  # type: ignore[arg-type]
         if status != FAR:
             is_blocked = True
             step = _STEP * (all_.outer[i] + all_.outer[j] - distance) + 2.0 * all_.gap
