@@ -78,3 +78,5 @@ def test_a_curve_that_cannot_be_had_is_refused():
         graded_cells(gd.Domain.cube(1.0), gd.Grading(OPENINGS, PASSING))
     with pytest.raises(InputError, match="between 0 and 1; got 1"):
         graded_cells(gd.Domain.cube(1.0), gd.Grading(OPENINGS, PASSING), n=10, tolerance=1)
+    with pytest.raises(InputError, match="'inside' or 'all'; got 'some'"):
+        graded_cells(gd.Domain.cube(1.0), gd.Grading(OPENINGS, PASSING), n=10, keep="some")

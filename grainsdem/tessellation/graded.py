@@ -113,6 +113,7 @@ def graded_cells(
     ConvergenceError
         If the curve does not come within the tolerance; neither is raised of that where not ``strict``.
     """
+    options = Rounds(keep, tolerance, strict, progress).checked()
     count = n if seeds is None else len(np.asarray(seeds))
     if count is None:
         raise InputError("give n, the number of cells, or seeds")
@@ -121,7 +122,6 @@ def graded_cells(
     diameters = generator.permutation(wish.draw(count, None, tolerance=None))
     start = sized_cells(domain, diameters, seeds=seeds, tolerance=SHARPEST, relaxations=relaxations, rng=generator)
     groups = np.zeros(count, dtype=np.int32)
-    options = Rounds(keep, tolerance, strict, progress)
     return regraded(GradedCells(start, diameters, np.inf), [wish], groups, options)
 
 
@@ -132,6 +132,14 @@ class Rounds(NamedTuple):
     tolerance: float
     strict: bool
     progress: Callable[[int, float], None] | None
+
+    def checked(self) -> Rounds:
+        """Return itself, or raise `InputError` before anything is grown where a value is out of range."""
+        if self.keep not in ("inside", "all"):
+            raise InputError(f"keep must be 'inside' or 'all'; got {self.keep!r}")
+        if not 0 < self.tolerance < 1:
+            raise InputError(f"tolerance must lie between 0 and 1; got {self.tolerance}")
+        return self
 
 
 def regraded(start: GradedCells, wishes: list[Wish], groups: NDArray[np.int32], options: Rounds) -> GradedCells:
@@ -148,8 +156,6 @@ def regraded(start: GradedCells, wishes: list[Wish], groups: NDArray[np.int32], 
     options : Rounds
         See there. Errors are those of `graded_cells`.
     """
-    if not 0 < options.tolerance < 1:
-        raise InputError(f"tolerance must lie between 0 and 1; got {options.tolerance}")
     cells, diameters, _ = start
     best: GradedCells | None = None
     last = 0

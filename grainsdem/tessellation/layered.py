@@ -121,6 +121,7 @@ def layered_cells(
     """
     if not layers:
         raise InputError("a bed has a layer or more; got none")
+    options = None if tolerance is None else Rounds(keep, tolerance, strict=True, progress=progress).checked()
     generator = np.random.default_rng(rng)
     wishes = [Wish(layer.curve, domain, metric) for layer in layers]
     counts, scale = shares(domain, layers, n)
@@ -144,9 +145,8 @@ def layered_cells(
     classes = np.repeat(np.arange(len(layers), dtype=np.int32), counts)
     diameters = np.concatenate(drawn)
     start = sized_cells(domain, diameters, seeds=seeds, tolerance=SHARPEST, relaxations=relaxations, rng=generator)
-    if tolerance is None:
+    if options is None:
         return LayeredCells(start, diameters, classes, np.inf)
-    options = Rounds(keep, tolerance, strict=True, progress=progress)
     cells, diameters, deviation = regraded(GradedCells(start, diameters, np.inf), wishes, classes, options)
     return LayeredCells(cells, diameters, classes, deviation)
 
