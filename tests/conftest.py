@@ -36,6 +36,9 @@ MOST_WORKERS = 4
 @pytest.hookimpl(tryfirst=True)
 def pytest_cmdline_main(config):
     """Share the whole suite out among processes, a file to each, unless `-n` says otherwise; a part runs in one."""
+    # Processes that tests start from a checkout take the package that is tested, whose kernels are compiled, not the
+    # sources in the folder where they start.
+    os.environ["PYTHONSAFEPATH"] = "1"
     option = config.option
     is_whole = {Path(argument).resolve() for argument in config.args} == {Path(__file__).parent}
     is_free = config.pluginmanager.hasplugin("xdist") and not hasattr(config, "workerinput")

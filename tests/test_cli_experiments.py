@@ -26,6 +26,7 @@ def run(*words, code=0):
     return result
 
 
+@pytest.mark.slow
 def test_a_collapse_writes_packing_history_and_figure(bed, tmp_path):
     result = run(
         "collapse", bed, tmp_path / "heap.h5", "--max-time", 1, "--history", tmp_path / "history.h5",
@@ -39,6 +40,7 @@ def test_a_collapse_writes_packing_history_and_figure(bed, tmp_path):
     assert (tmp_path / "heap.png").stat().st_size > 1000
 
 
+@pytest.mark.slow
 def test_of_a_single_heap_is_said_that_it_is_one(bed, tmp_path):
     result = run("collapse", bed, tmp_path / "heap.h5", "--max-time", 0.4)
     assert "repose angle fit error" in result.stdout
@@ -54,6 +56,7 @@ def test_a_box_of_spheres_is_sheared_and_told_as_a_table(bed, tmp_path):
     assert "normal stress, Pa" in result.stdout
 
 
+@pytest.mark.slow
 def test_walls_have_friction_of_their_own_by_the_command_and_in_ensembles(bed, tmp_path):
     walls = {"floor": 0.6, "wall_x0": 0.0}
     words = "floor=0.6,wall_x0=0"

@@ -44,6 +44,7 @@ def turned(shake):
     return drum(grow_planar(30), rng=1, turns=0.3)
 
 
+@pytest.mark.slow
 @pytest.mark.client
 def test_the_torque_is_the_weight_times_the_lever_of_the_centre_of_mass(turned):
     report = turned.report
@@ -52,6 +53,7 @@ def test_the_torque_is_the_weight_times_the_lever_of_the_centre_of_mass(turned):
     assert report.torque > 0
 
 
+@pytest.mark.slow
 @pytest.mark.client
 def test_grains_go_up_on_the_side_that_rises_and_stay_inside(turned):
     report, positions = turned.report, turned.packing.positions
@@ -126,6 +128,7 @@ def test_a_drum_that_makes_no_sense_is_refused(options, words):
         drum(grow(12), rng=1, **options)
 
 
+@pytest.mark.slow
 @pytest.mark.client
 def test_units_of_a_history_are_si(turned):
     scales = units(turned.packing)

@@ -73,6 +73,7 @@ def kill_after_chunks(process, state, *, chunks):
     assert len(seen) == chunks
 
 
+@pytest.mark.slow
 @pytest.mark.client
 @pytest.mark.skipif(os.name == "nt", reason="there is no SIGKILL there")
 def test_a_run_killed_twice_goes_on_to_the_same_bits(heap, whole, shake, tmp_path):
@@ -105,6 +106,7 @@ def test_a_killed_run_loses_at_most_one_chunk(heap, whole, shake, tmp_path):
     np.testing.assert_array_equal(kept, whole[0].history["kinetic_energy"][1 : kept.size + 1])
 
 
+@pytest.mark.slow
 @pytest.mark.client
 @pytest.mark.skipif(os.name == "nt", reason="there is no limit of that kind there")
 def test_a_full_disk_ends_in_one_error_and_keeps_the_last_checkpoint(heap, whole, shake, tmp_path):

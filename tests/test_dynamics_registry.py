@@ -16,6 +16,7 @@ from loading import grow, grow_planar
 from typer.main import get_command
 from typer.testing import CliRunner
 
+import grainsdem
 from grainsdem import dynamics, storage
 from grainsdem.cli import app
 from grainsdem.described import description
@@ -196,7 +197,7 @@ def command(folder, *words, code=0):
     made = subprocess.run(
         [sys.executable, "-c", "from grainsdem.cli import main; main()", *map(str, words)],
         cwd=folder,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(folder), str(DOCS.parent)])},
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(folder), str(Path(grainsdem.__file__).parents[1])])},
         capture_output=True,
         text=True,
         check=False,
@@ -225,6 +226,7 @@ def test_an_experiment_of_another_package_is_a_command_with_history_and_figure(i
     assert not (installed / "never.h5").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.client
 def test_an_experiment_of_another_package_is_a_recipes_table_and_an_ensemble(installed):
     recipe = """

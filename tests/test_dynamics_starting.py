@@ -143,6 +143,7 @@ def test_grains_fall_as_far_as_is_told(few, start, drop_height, fall):
     assert json.loads(settled.packing.provenance[-1])["drop_height"] == settled.report.drop_height
 
 
+@pytest.mark.slow
 @pytest.mark.client
 def test_rain_that_follows_the_bed_goes_on_after_an_interrupt_to_the_same_bits(few, tmp_path):
     def run(name, **options):

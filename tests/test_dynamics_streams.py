@@ -101,6 +101,7 @@ def test_a_cube_over_a_hole_leaves_and_those_on_the_floor_stay():
     assert report.stop_time == pytest.approx(fall, abs=0.25 * units(bed).time)
 
 
+@pytest.mark.slow
 def test_a_jam_bears_the_grains_over_the_opening():
     # Of a slot 1.2 times as wide as the widest prism.
     bed = grow_planar(16)
@@ -122,6 +123,7 @@ def test_what_left_and_what_stayed_is_what_there_was():
     assert report.is_settled
 
 
+@pytest.mark.slow
 def test_a_hopper_empties_itself():
     # Without friction nothing bridges four diameters.
     report = discharge(grow_in_hopper(60), friction=0.0).report
@@ -206,6 +208,7 @@ def test_grains_come_in_at_the_rate_that_was_asked_for():
     assert (due - history["fed_mass"] < heaviest).all()
 
 
+@pytest.mark.slow
 def test_planar_grains_are_fed_too():
     report = feed(grow_planar(12), rng=1).report
     assert report.n_inside == 12
@@ -286,6 +289,7 @@ def test_a_stream_is_a_command_and_its_replay_needs_no_other_grains(tmp_path):
     assert replayed.exit_code == 0, replayed.output
 
 
+@pytest.mark.slow
 def test_a_recipe_feeds_and_opens_a_silo(tmp_path):
     tables = {
         "domain": {"shape": "slab", "lengths": [4e-3, 4e-3, 1e-3]},

@@ -263,6 +263,7 @@ def test_a_number_is_for_one_run_and_leaves_the_grains_their_own():
     assert rest_of(tap(other, taps=1, friction=0.4).packing).friction == 0.4
 
 
+@pytest.mark.slow
 @pytest.mark.client
 def test_a_test_of_two_materials_that_bounce_goes_on_and_runs_in_ensembles(tmp_path):
     grains = with_frictions(grow(12), {0.2: 1, 0.8: 1}, rng=1)

@@ -157,11 +157,13 @@ def test_the_history_on_disk_is_the_one_that_is_returned(sheared):
             np.testing.assert_array_equal(series, outcome.history[name][1:])
 
 
+@pytest.mark.slow
 def test_a_triaxial_test_goes_on_after_an_interrupt_to_the_same_bits(tmp_path):
     options = {"strain": 0.02, "inertial_number": 0.05, "compaction_friction": 0.1, "rng": 1}
     check_that_it_goes_on(triaxial, grow(12), tmp_path, samples=24, **options)
 
 
+@pytest.mark.slow
 def test_prisms_are_sheared_in_their_plane():
     start = grow_planar(16)
     outcome = triaxial(start, strain=0.03, inertial_number=0.05, rng=1)

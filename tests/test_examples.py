@@ -15,8 +15,8 @@ from grainsdem.cli import app
 pytestmark = pytest.mark.example
 
 ROOT = Path(__file__).parent.parent
-QUICKEST = {"figure_03_12_photograph", "figure_14_sphericity"}
-"""Examples of a few seconds: one of an image, one of a tessellation. The others are slow."""
+QUICKEST = {"figure_14_sphericity"}
+"""The example that takes a few seconds; the others are slow."""
 
 SCRIPTS = [
     pytest.param(path.stem, marks=[] if path.stem in QUICKEST else [pytest.mark.slow])

@@ -113,6 +113,7 @@ def turned(shake, tmp_path_factory):
     return drum(grow_planar(16), rng=1, turns=0.1, history_path=path), path
 
 
+@pytest.mark.slow
 @pytest.mark.client
 def test_a_history_knows_how_far_the_drum_had_turned_in_each_frame(turned):
     outcome, path = turned

@@ -55,6 +55,7 @@ def test_all_parameters_are_recovered_within_five_percent_where_the_draws_are_en
         assert abs(error) < 0.05, name
 
 
+@pytest.mark.slow
 @pytest.mark.statistical
 def test_intervals_hold_the_truth_as_often_as_they_say():
     repeats, confidence = 100, 0.9

@@ -40,6 +40,7 @@ def test_a_quarter_phi_of_sieves_recovers_the_shape_of_20_000_grains_within_five
     assert fit.ks < 1.63 / np.sqrt(20_000)  # of a known distribution's distances one in a hundred is larger
 
 
+@pytest.mark.slow
 @pytest.mark.statistical
 def test_intervals_hold_the_truth_as_often_as_they_say():
     repeats, confidence = 40, 0.9

@@ -61,6 +61,7 @@ def test_k_of_poisson_seeds_is_the_volume_of_the_ball(domain):
     assert_near(found, poisson_k(radii, domain))
 
 
+@pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize(
     "domain",

@@ -92,6 +92,7 @@ def pairs_among_three(domain, distance, c):
     return sequential, weights @ np.arange(4) / weights.sum()
 
 
+@pytest.mark.slow
 @pytest.mark.statistical
 @BOTH
 def test_three_points_are_close_as_often_as_the_law_of_each_says(domain):

@@ -53,6 +53,7 @@ def test_the_table_is_the_same_bytes_whatever_the_order_of_the_work(tmp_path):
 CLUSTERS = {"process": "cluster", "parents": 20, "children": 6.0, "spread": 0.05}
 
 
+@pytest.mark.slow
 def test_parents_children_and_spread_of_clusters_can_be_swept_in_any_order(tmp_path):
     base = {"seeds": CLUSTERS, "grains": {"relation": "cho_2006_max"}}
     vary = {"seeds.parents": [15, 30], "seeds.children": [5.0, 10.0], "seeds.spread": [0.1, 0.3]}
@@ -201,6 +202,7 @@ def test_processes_are_varied_with_a_table_of_keys_each(tmp_path):
     assert noise == recipes[-1]
 
 
+@pytest.mark.slow
 def test_the_command_varies_processes_whose_tables_the_file_holds(tmp_path):
     np.savetxt(tmp_path / "parents.txt", np.random.default_rng(1).random((5, 3)))
     (tmp_path / "r.toml").write_text(
