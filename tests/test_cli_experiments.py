@@ -77,6 +77,7 @@ def one(tmp_path_factory):
     return str(save(cube, tmp_path_factory.mktemp("one") / "one.h5"))
 
 
+@pytest.mark.slow
 def test_a_body_is_dropped_and_told_with_its_force(one, tmp_path):
     result = run(
         "penetration", one, tmp_path / "hit.h5", "--start", "place", "--mode", "drop", "--body", "sphere",

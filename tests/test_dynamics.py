@@ -250,6 +250,7 @@ def test_a_much_too_large_time_step_is_not_believed(poured):
     assert np.isfinite(caught.value.last_good.positions).all()
 
 
+@pytest.mark.slow
 @pytest.mark.client
 def test_grains_poured_into_a_cylinder_stay_in_it(fresh):
     pipe = replace(fresh, domain=Domain.cylinder(2.2e-3, 5e-3, sides=16))
@@ -260,6 +261,7 @@ def test_grains_poured_into_a_cylinder_stay_in_it(fresh):
         assert (world_vertices(result.packing) @ plane[:3] < plane[3] + 1e-3 * d).all()
 
 
+@pytest.mark.slow
 @pytest.mark.client
 def test_a_hopper_without_an_outlet_is_filled_from_its_bottom(fresh):
     funnel = Domain.hopper((6e-3, 6e-3), (1.5e-3, 1.5e-3), 5e-3)

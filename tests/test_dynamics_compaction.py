@@ -82,6 +82,7 @@ def test_a_porosity_above_that_of_the_jam_is_reached_and_kept(few):
     assert made.report.porosity == pytest.approx(0.5, abs=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.client
 def test_grains_jam_before_a_porosity_that_is_too_low(few):
     made = compact(few, pressure=2e4, rng=1, porosity=0.2)

@@ -22,6 +22,7 @@ def runs(tmp_path_factory, shake):
     return together, ensemble(triaxial, grains, through="processes", **options), folder / "runs"
 
 
+@pytest.mark.slow
 @pytest.mark.client
 def test_runs_that_are_stepped_together_have_the_bits_of_those_that_are_alone(runs):
     together, alone, _ = runs
@@ -33,6 +34,7 @@ def test_runs_that_are_stepped_together_have_the_bits_of_those_that_are_alone(ru
             np.testing.assert_array_equal(series, other.history[name])
 
 
+@pytest.mark.slow
 @pytest.mark.client
 def test_seeds_make_different_runs_and_each_has_its_history(runs):
     together, _, folder = runs
@@ -43,6 +45,7 @@ def test_seeds_make_different_runs_and_each_has_its_history(runs):
         np.testing.assert_array_equal(stored["axial_stress"], outcome.history["axial_stress"][1:])
 
 
+@pytest.mark.slow
 @pytest.mark.client
 def test_an_ensemble_tells_means_and_intervals_of_every_number(runs):
     together = runs[0]

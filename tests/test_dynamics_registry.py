@@ -211,6 +211,7 @@ def test_the_pages_experiment_is_one_of_at_most_sixty_lines():
     assert len(CODE.splitlines()) <= 60
 
 
+@pytest.mark.slow
 @pytest.mark.client
 def test_an_experiment_of_another_package_is_a_command_with_history_and_figure(installed):
     words = ["--angle", 0.3, "--duration", 1, "--spheres", "--history", "creep_history.h5", "--figure", "creep.png"]

@@ -106,6 +106,7 @@ def test_a_density_may_be_a_law_of_the_diameter(fresh):
     np.testing.assert_allclose(made.densities, 1000.0 * diameters(fresh.grains) / diameters(fresh.grains).min())
 
 
+@pytest.mark.slow
 @pytest.mark.client
 def test_rain_comes_to_rest_as_a_bed(rained):
     assert borne(rained.report) == pytest.approx(1.0, abs=FLOOR_FORCE)
@@ -129,7 +130,8 @@ def test_rain_keeps_its_speed_until_it_is_let_go(few):
 
 @pytest.mark.client
 @pytest.mark.parametrize(
-    ("start", "drop_height", "fall"), [("rain", 2e-3, 2e-3), ("rain", 12e-3, 12e-3), ("pour", None, None)]
+    ("start", "drop_height", "fall"),
+    [("rain", 2e-3, 2e-3), pytest.param("rain", 12e-3, 12e-3, marks=pytest.mark.slow), ("pour", None, None)],
 )
 def test_grains_fall_as_far_as_is_told(few, start, drop_height, fall):
     first = begin(few, start=start, drop_height=drop_height, rng=1)

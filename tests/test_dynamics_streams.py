@@ -214,6 +214,7 @@ def test_planar_grains_are_fed_too():
     assert report.n_inside == 12
 
 
+@pytest.mark.slow
 def test_grains_that_passed_an_open_wall_come_in_again():
     report = feed(grow(12), rng=1, release=["wall_x1"], recirculate=True, friction=0.1, max_time=60.0).report
     assert report.n_fed > 12
@@ -258,6 +259,7 @@ def test_a_history_knows_the_grains_that_came_and_went(filling):
     assert np.isfinite(motion["positions"][-1]).all(axis=1).sum() >= len(packing)
 
 
+@pytest.mark.slow
 def test_replays_leave_out_who_is_absent(filling, tmp_path):
     packing, path = filling
     moved, motion = load_moved(path, packing), load_motion(path)

@@ -238,6 +238,7 @@ def test_an_empty_packing_is_refused(fresh):
         triaxial(empty, rng=1)
 
 
+@pytest.mark.slow
 def test_cells_that_lock_like_a_jigsaw_are_no_test_and_the_run_ends_there():
     outcome = triaxial(grow(8), strain=0.6, inertial_number=0.1)
     report = outcome.report

@@ -45,7 +45,9 @@ def test_every_example_runs_quickly_and_prints_something(script, printed):
     assert printed(script).strip()
 
 
-@pytest.mark.parametrize("script", ["figure_03_12_photograph", "figure_10_11_fields"])
+@pytest.mark.parametrize(
+    "script", [pytest.param("figure_03_12_photograph", marks=pytest.mark.slow), "figure_10_11_fields"]
+)
 def test_an_example_without_its_needs_names_the_extra_that_brings_them(script, tmp_path):
     # A module that is None cannot be imported: as where it is not installed.
     code = (

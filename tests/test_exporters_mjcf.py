@@ -102,7 +102,9 @@ def mujoco_python(request):
 
 
 @pytest.mark.client
-@pytest.mark.parametrize("diameter", [0.2e-3, 1e-3, 0.1])
+@pytest.mark.parametrize(
+    "diameter", [pytest.param(0.2e-3, marks=pytest.mark.slow), 1e-3, pytest.param(0.1, marks=pytest.mark.slow)]
+)
 def test_two_thousand_steps_end_without_a_warning_in_old_and_new_mujoco(heap, tmp_path, mujoco_python, diameter):
     scaled = rescale(heap, diameter / mjcf.units(heap).length)
     [path] = exporters.write(scaled, tmp_path / "bed.xml")

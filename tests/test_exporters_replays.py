@@ -83,6 +83,7 @@ def test_an_animation_falls_and_lasts_as_long_as_it_was_asked_to(poured, motion,
     assert ImageChops.difference(pictures[0], pictures[-1]).getbbox() is not None
 
 
+@pytest.mark.slow
 @pytest.mark.client
 def test_a_film_falls_lasts_as_long_as_it_was_asked_to_and_has_even_sides(poured, motion, tmp_path):
     path = animate(poured, tmp_path / "fall.mp4", **motion, size=(161, 121), seconds=1.0)

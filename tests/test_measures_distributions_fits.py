@@ -46,6 +46,7 @@ def test_the_well_conditioned_parameters_of_20_000_draws_are_recovered_within_fi
         assert abs(error) < 5 * sizes[name], name
 
 
+@pytest.mark.slow
 @pytest.mark.statistical
 def test_all_parameters_are_recovered_within_five_percent_where_the_draws_are_enough():
     fit = fit_sizes(TRUTH.draw(400_000, rng=1), confidence=0.6827)

@@ -171,6 +171,7 @@ def test_pairs_taken_a_few_at_a_time_are_the_same_pairs(monkeypatch, most):
     np.testing.assert_allclose(ripley_k(seeds, domain, [0.1, 0.2, 0.3]), whole, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_the_pairs():
     domain = Domain.cube(periodic=True)
     crowded = cluster_poisson(domain, 3000, parents=1, spread=0.02, rng=1)  # 9 million ordered pairs

@@ -140,6 +140,7 @@ def test_each_format_gets_the_options_that_it_has(tmp_path):
     assert "metersPerUnit = 0.001" in (tmp_path / "bed.usda").read_text()
 
 
+@pytest.mark.slow
 def test_a_bed_that_fails_validation_is_not_written(tmp_path):
     few = {"domain": {"lengths": [3, 3, 3]}, "seeds": {"process": "poisson", "count": 27, "relax": 2}}
     few["grains"] = {**SMALL["grains"], "keep": "all"}

@@ -166,6 +166,7 @@ def test_sieves_go_with_no_other_size_and_no_gap(tmp_path):
         recipes.grow(recipes.make(seeds=SEEDS, grains={"scale": 1, "sieves": {"path": str(empty)}}))
 
 
+@pytest.mark.slow
 def test_few_grains_and_few_seeds_are_told_what_it_takes():
     wide = {"openings": [20, 15, 10, 5, 1], "passing": [100, 98, 60, 30, 0]}
     with pytest.raises(InputError, match=r"too few for this grading.*; \d+ grains can have it"):

@@ -196,6 +196,7 @@ def test_weights_that_are_no_numbers_are_refused():
         tessellate(seeds, Domain.cube(), weights=[1, np.nan])
 
 
+@pytest.mark.slow
 @pytest.mark.statistical
 def test_poisson_cells_have_the_exact_means_and_variance():
     domain = Domain.cube(20_000 ** (1 / 3), periodic=True)
