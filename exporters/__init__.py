@@ -33,6 +33,7 @@ from exporters.reading import READERS, read, rounding
 from exporters.replays import replay
 from grainsdem.atomic import write_all
 from grainsdem.errors import InputError, RefusedError
+from grainsdem.gate import gated
 
 if TYPE_CHECKING:
     import os
@@ -48,6 +49,7 @@ __all__ = [
 ]  # fmt: skip
 
 
+@gated
 def write(
     packing: Packing,
     path: str | os.PathLike[str],
@@ -107,6 +109,7 @@ def write(
     return written
 
 
+@gated
 def files(
     packing: Packing,
     suffix: str,
@@ -136,6 +139,7 @@ def files(
     return {file: part if isinstance(part, bytes) else b"".join(part) for file, part in written.items()}
 
 
+@gated
 def module_for(suffix: str) -> ModuleType:
     """Return the module that writes files of a suffix, imported when it is needed."""
     return find(suffix).module
@@ -148,6 +152,7 @@ def _content(packing: Packing, found: Found, name: str, options: dict[str, Any])
     return content
 
 
+@gated
 def options_for(words: Sequence[str], options: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Return for each of several formats those of the options that it has.
 

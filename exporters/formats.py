@@ -7,6 +7,7 @@ from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, NamedTuple
 
 from grainsdem.errors import InputError
+from grainsdem.gate import gated
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
@@ -72,12 +73,14 @@ class Found(NamedTuple):
     module: ModuleType
 
 
+@gated
 def known() -> list[str]:
     """Return the names and suffixes that formats go by, ours before those of other distributions."""
     suffixes = dict.fromkeys(suffix for row in FORMATS.values() for suffix in row.suffixes)
     return [*suffixes, *FORMATS, *(name for name in _others() if name not in FORMATS)]
 
 
+@gated
 def find(word: str, suffix: str = "") -> Found:
     """Return the format of a name (``"mjcf"``) or a suffix (``".xml"``, ``"xml"``).
 

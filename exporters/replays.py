@@ -9,6 +9,7 @@ from exporters.formats import find_for
 from exporters.meshes.vtk import series
 from grainsdem.atomic import write_all
 from grainsdem.errors import FileFormatError
+from grainsdem.gate import gated
 
 if TYPE_CHECKING:
     import os
@@ -21,6 +22,7 @@ SUFFIXES = (".pvd", ".usdc", ".usda")
 """What recorded motions are written as."""
 
 
+@gated
 def replay(
     packing: Packing,
     path: str | os.PathLike[str],

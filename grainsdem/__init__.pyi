@@ -18,6 +18,7 @@ from .dynamics import (
     with_frictions,
 )
 from .errors import (
+    ArgumentError,
     FileFormatError,
     GrainsDEMError,
     InputError,
@@ -140,6 +141,7 @@ __version__: str
 
 __all__ = [
     "VOID_RELATIONS",
+    "ArgumentError",
     "CellLinks",
     "Check",
     "ContactGraph",

@@ -16,6 +16,10 @@ class InputError(GrainsDEMError, ValueError):
     """A value is outside what is allowed; the message gives both."""
 
 
+class ArgumentError(InputError, TypeError):
+    """An argument is of another kind than its function takes; the message gives both."""
+
+
 class ShapeError(GrainsDEMError, ValueError):
     """An array has the wrong shape, type or offsets; the message gives both."""
 

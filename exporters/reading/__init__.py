@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.errors import FileFormatError, MissingFileError
+from grainsdem.gate import gated
 from grainsdem.geometry.rotations import world_vertices
 
 if TYPE_CHECKING:
@@ -31,6 +32,7 @@ the grain's own frame or in the world; and ``ROUNDINGS``, how often they are.
 """
 
 
+@gated
 def read(path: str | os.PathLike[str]) -> Packing:
     """Read a packing from a file that `exporters.write` wrote, as the program that it is for reads it.
 
@@ -63,6 +65,7 @@ def read(path: str | os.PathLike[str]) -> Packing:
     return packing.with_step("read", format=path.suffix.lower())
 
 
+@gated
 def rounding(packing: Packing, suffix: str) -> float:
     """Return how far [m] single precision may have moved the vertices of a packing that was read off their planes.
 

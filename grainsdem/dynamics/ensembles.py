@@ -15,6 +15,7 @@ import numpy as np
 from exporters.mjcf.log import quiet
 from grainsdem.dynamics.engine.lockstep import Lockstep, UnlikeError
 from grainsdem.errors import InputError, WriteError, name_offenders
+from grainsdem.gate import gated
 from grainsdem.workers import n_processors, share
 
 if TYPE_CHECKING:
@@ -116,6 +117,7 @@ def half_width(values: Floats) -> float:
     return float(t.ppf(0.5 + CONFIDENCE / 2, n - 1) * measured.std(ddof=1) / np.sqrt(n))
 
 
+@gated
 def ensemble(
     experiment: Callable[..., Any],
     packing: Packing,

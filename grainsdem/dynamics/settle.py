@@ -32,6 +32,7 @@ from grainsdem.dynamics.settled import Settled, SettleReport
 from grainsdem.dynamics.starting import PerGrain, Start, begin, downward
 from grainsdem.dynamics.watch import find_trouble, stored_energy
 from grainsdem.errors import InputError
+from grainsdem.gate import gated
 from grainsdem.model import Packing
 from grainsdem.options import ByShare, Coefficient, Note, Positive, Stored, option
 
@@ -67,6 +68,7 @@ LEAST_TIME = 2.0
 """Time before which nothing counts as rest [√(d/g)]: grains that have just been let go are slow, too."""
 
 
+@gated
 @described(start="pour", caution="In Python grains start in place where `start` is not given.")
 def settle(
     packing: Packing,

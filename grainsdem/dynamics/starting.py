@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from exporters.check import check_choice
 from grainsdem.errors import InputError, name_offenders
+from grainsdem.gate import gated
 from grainsdem.geometry.integrals import volumes
 from grainsdem.measures import diameters
 from grainsdem.model import Domain, Polyhedra
@@ -152,6 +153,7 @@ def as_spheres(packing: Packing) -> Packing:
     return replace(packing, grains=shapes, links=None).with_step("as_spheres")
 
 
+@gated
 def with_frictions(
     packing: Packing, friction: PerGrain | None, *, rng: np.random.Generator | int | None = None
 ) -> Packing:
@@ -185,6 +187,7 @@ def with_frictions(
     return replace(packing, frictions=values).with_step("frictions")
 
 
+@gated
 def with_densities(packing: Packing, density: PerGrain, *, rng: np.random.Generator | int | None = None) -> Packing:
     """Return the packing with other densities [kg/m³], given as in `with_frictions`.
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from grainsdem.errors import InputError, ShapeError
 from grainsdem.figures.frame import BLUE, INK, RED, check_suffix, drawing, length_unit, scale_sizes
+from grainsdem.gate import gated
 from grainsdem.measures import diameters, masses, percentiles
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ NAMED = 0.28
 """Share of the frame's width that the name and value of a percentile take."""
 
 
+@gated
 def size_histogram(packing: Packing, path: str | os.PathLike[str], *, sieves: Sequence[float] | None = None) -> Path:
     """Draw the grain-size curve, mass passing against diameter, and below it the mass in each class.
 
@@ -82,6 +84,7 @@ def size_histogram(packing: Packing, path: str | os.PathLike[str], *, sieves: Se
     return target
 
 
+@gated
 def coordination_histogram(graph: ContactGraph, path: str | os.PathLike[str]) -> Path:
     """Draw how many grains have how many contacts.
 
@@ -127,6 +130,7 @@ def coordination_histogram(graph: ContactGraph, path: str | os.PathLike[str]) ->
     return target
 
 
+@gated
 def energy_plot(history: Mapping[str, ArrayLike], path: str | os.PathLike[str]) -> Path:
     """Draw kinetic energy over time.
 

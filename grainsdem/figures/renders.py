@@ -13,6 +13,7 @@ from grainsdem.figures import opengl, painter
 from grainsdem.figures.frame import check_suffix
 from grainsdem.figures.scene import set_scene
 from grainsdem.figures.windows import find_window, using
+from grainsdem.gate import gated
 
 if TYPE_CHECKING:
     import os
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 
+@gated
 def render(
     packing: Packing,
     path: str | os.PathLike[str],

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numba import njit
 
+from grainsdem.gate import gated
 from grainsdem.geometry.threads import in_blocks
 from grainsdem.model.given import grains_of
 
@@ -119,6 +120,7 @@ def _integrate(start, stop, mesh, volumes, areas, centroids, inertias):  # type:
         inertias[i, 1, 2] = inertias[i, 2, 1] = -yz
 
 
+@gated
 def integrate(polyhedra: Grains) -> Integrals:
     """Return volume, area, centroid and inertia of each polyhedron.
 
@@ -188,6 +190,7 @@ class FacePlanes(NamedTuple):
     areas: NDArray[np.float64]
 
 
+@gated
 def face_planes(polyhedra: Grains) -> FacePlanes:
     """Return the plane and the area of every face of polyhedra, or of a packing's grains, each in its own frame."""
     p = grains_of(polyhedra)
@@ -198,6 +201,7 @@ def face_planes(polyhedra: Grains) -> FacePlanes:
     return result
 
 
+@gated
 def volumes(polyhedra: Grains) -> NDArray[np.float64]:
     """Return the volume [m³] of each polyhedron, or of each grain of a packing, shape (n,).
 
@@ -206,16 +210,19 @@ def volumes(polyhedra: Grains) -> NDArray[np.float64]:
     return integrate(polyhedra).volumes
 
 
+@gated
 def surface_areas(polyhedra: Grains) -> NDArray[np.float64]:
     """Return the surface area [m²] of each polyhedron, or of each grain of a packing, shape (n,)."""
     return integrate(polyhedra).areas
 
 
+@gated
 def centroids(polyhedra: Grains) -> NDArray[np.float64]:
     """Return the centroid [m] of each polyhedron, or of each grain of a packing, in its own frame, shape (n, 3)."""
     return integrate(polyhedra).centroids
 
 
+@gated
 def inertia_tensors(polyhedra: Grains) -> NDArray[np.float64]:
     """Return the inertia tensor [m⁵] about the centroid for unit density, shape (n, 3, 3).
 

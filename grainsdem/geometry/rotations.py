@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from grainsdem.gate import gated
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -78,6 +80,7 @@ def from_matrices(matrices: Floats) -> Floats:
     return positive
 
 
+@gated
 def world_vertices(packing: Packing) -> Floats:
     """Return every vertex [m] of a packing in the world, shape (n_vertices, 3), in the order of ``grains.vertices``."""
     counts = np.diff(packing.grains.vertex_offsets)

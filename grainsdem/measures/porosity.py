@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from grainsdem.errors import InputError
+from grainsdem.gate import gated
 from grainsdem.geometry.clipping import box_planes, solid_volume
 from grainsdem.geometry.forms.sizes import above_zero, grain_diameters
 from grainsdem.geometry.integrals import volumes
@@ -27,6 +28,7 @@ COLUMN_WIDTH = 1.0
 """Width of the columns that the surface is looked for in, in mean diameters: wide enough to hold a grain."""
 
 
+@gated
 def porosity(packing: Packing, *, region: Literal["cells", "domain"] | tuple[ArrayLike, ArrayLike] = "cells") -> float:
     """Return the void fraction of a region.
 
@@ -66,6 +68,7 @@ def porosity(packing: Packing, *, region: Literal["cells", "domain"] | tuple[Arr
     return _of_box(packing, lower, upper)
 
 
+@gated
 def core_box(packing: Packing, *, margin: float = 1.0) -> Box:
     """Return a box inside a bed, away from walls, floor and free surface.
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from grainsdem.errors import InputError, ShapeError, name_offenders
+from grainsdem.gate import gated
 from grainsdem.geometry.forms.sizes import sphere_diameters, weighted_percentiles
 from grainsdem.geometry.integrals import face_planes, integrate
 from grainsdem.geometry.rotations import identity_quaternions
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 LOG = logging.getLogger(__name__)
 
 
+@gated
 def carve(
     cells: Tessellation,
     *,
@@ -138,6 +140,7 @@ def unwarned() -> Iterator[None]:
         LOG.removeFilter(hold_back)
 
 
+@gated
 def subset(packing: Packing, rows: ArrayLike) -> Packing:
     """Return the chosen grains of a packing, by number, in their order; `Packing.links` is gone.
 

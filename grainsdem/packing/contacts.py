@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.errors import InputError
+from grainsdem.gate import gated
 from grainsdem.geometry.ahead import compiled
 from grainsdem.geometry.bounds import near_images
 from grainsdem.geometry.integrals import face_planes, volumes
@@ -27,6 +28,7 @@ NEAR = 1e-3
 """Default of ``within``, relative to the mean grain diameter: the overlap that soft contacts are allowed."""
 
 
+@gated
 def contacts(packing: Packing, *, within: float | None = None, walls: bool = False) -> ContactGraph:
     """Return every pair of grains no farther apart than ``within``, with the exact signed gap.
 
@@ -91,6 +93,7 @@ def _graph(
     )
 
 
+@gated
 def neighbor_contacts(packing: Packing) -> ContactGraph:
     """Return the neighbours of the tessellation that grains in place were carved from, in closed form.
 

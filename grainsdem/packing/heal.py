@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 
 from grainsdem.errors import InputError
+from grainsdem.gate import gated
 from grainsdem.geometry.ahead import compiled
 from grainsdem.geometry.bounds import near_images
 from grainsdem.geometry.integrals import integrate
@@ -78,6 +79,7 @@ class _Tight(NamedTuple):
     wall_normals: Floats
 
 
+@gated
 def heal(
     packing: Packing,
     *,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from grainsdem.errors import InputError, ShapeError, name_offenders
+from grainsdem.gate import gated
 from grainsdem.geometry.cells.insets import inset_shapes
 from grainsdem.geometry.integrals import centroids, face_planes, volumes
 from grainsdem.geometry.rotations import to_matrices
@@ -29,6 +30,7 @@ OUT = 1e-9
 """How far outside its cell a point may lie, relative to the grain's size: rounding of what came from a file."""
 
 
+@gated
 def inset(packing: Packing, distance: ArrayLike) -> Packing:
     """Return the grains with all their faces moved inward by a distance; faces and edges that vanish are gone.
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.errors import InputError
+from grainsdem.gate import gated
 from grainsdem.geometry.forms.sizes import grain_diameters, grain_sphericities, weighted_percentiles
 from grainsdem.geometry.integrals import integrate
 from grainsdem.packing.shrink import shrink
@@ -83,6 +84,7 @@ VOID_RELATIONS: dict[str, VoidRelation | SortingRelation] = {
 """Named relations. At the paper's mean sphericity of 0.87 the loosest state has e = 0.85, as the paper says."""
 
 
+@gated
 def fit_void_ratio(
     packing: Packing,
     *,

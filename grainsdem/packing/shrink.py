@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from grainsdem.errors import InputError, name_offenders
+from grainsdem.gate import gated
 from grainsdem.geometry.clipping import box_planes, solid_volume
 from grainsdem.geometry.forms.sizes import grain_diameters, weighted_percentiles
 from grainsdem.geometry.integrals import volumes
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     Region = Literal["cells", "domain"] | tuple[ArrayLike, ArrayLike]
 
 
+@gated
 def shrink(
     packing: Packing,
     *,
@@ -236,6 +238,7 @@ def _refuse_growth(ratio: float, porosity: float) -> None:
         raise InputError(f"porosity can only grow: the packing has {now:.6g} already; got {porosity}")
 
 
+@gated
 def rescale(packing: Packing, factor: float) -> Packing:
     """Return the whole packing, domain included, scaled about the origin: another grain size, the same structure.
 
@@ -263,6 +266,7 @@ def rescale(packing: Packing, factor: float) -> Packing:
     ).with_step("rescale", factor=float(factor))
 
 
+@gated
 def resize(
     packing: Packing,
     *,
@@ -309,6 +313,7 @@ def resize(
     return rescale(packing, wanted / size_of(packing, name))
 
 
+@gated
 def size_of(packing: Packing, name: str) -> float:
     """Return the ``mean_diameter``, ``median_diameter`` or ``side`` [m] of a packing."""
     if name == "side":

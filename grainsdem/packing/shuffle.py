@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.errors import InputError
+from grainsdem.gate import gated
 from grainsdem.geometry.rotations import multiply, random_quaternions
 from grainsdem.geometry.selection import select
 from grainsdem.model import Domain, Packing
@@ -24,6 +25,7 @@ _DOUBLINGS = 8
 """How often the number of layers is doubled where a domain's planes leave little of each."""
 
 
+@gated
 def shuffle(
     packing: Packing,
     *,

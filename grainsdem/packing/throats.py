@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.errors import InputError, ShapeError
+from grainsdem.gate import gated
 from grainsdem.packing.contacts import neighbor_contacts
 from grainsdem.packing.inset import slacks
 from grainsdem.ragged import owners
@@ -28,6 +29,7 @@ _KEPT = 1e-9
 _LOWER_Z, _UPPER_Z = -5, -6  # walls as `Domain` numbers them
 
 
+@gated
 def jitter_throats(
     packing: Packing,
     *,
@@ -111,6 +113,7 @@ def jitter_throats(
     )
 
 
+@gated
 def throat_widths(packing: Packing) -> Floats:
     """Return the width [m] of every throat, the gap between two facing faces of neighbours, shape (m,).
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.errors import InputError, ShapeError, name_offenders
+from grainsdem.gate import gated
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -17,12 +18,13 @@ DUPLICATE_TOLERANCE = 1e-12
 """Seeds nearer than this times the domain's longest edge are one seed: their bisector plane is lost in rounding."""
 
 
+@gated
 def check_seeds(seeds: ArrayLike, domain: Domain) -> NDArray[np.float64]:
     """Return the seeds as a fresh float64 array, shape (n, 3), or raise one clear error.
 
     Parameters
     ----------
-    seeds : array_like, shape (n, 3)
+    seeds : array_like, shape (n, 3) or (n, 2)
         Positions [m]; shape (n, 2) is taken as lying in the mid-plane of a planar domain.
     domain : Domain
         What they must lie in; its faces are allowed.

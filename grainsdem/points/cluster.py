@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from grainsdem.errors import InputError, ShapeError, name_offenders
+from grainsdem.gate import gated
 from grainsdem.points.poisson import check_count, uniform
 
 if TYPE_CHECKING:
@@ -33,6 +34,7 @@ MOST_TRIES = 1_000_000
 """Children in a row that fall outside the domain, after which none is expected to fall inside."""
 
 
+@gated
 def cluster_poisson(
     domain: Domain,
     n: int | None = None,
@@ -56,7 +58,7 @@ def cluster_poisson(
         Number of seeds, exactly.
     spread : float
         Standard deviation [m] of a child's distance from its parent along each axis: σ, where the paper gives σ².
-    parents : int or array_like, shape (m, 3)
+    parents : int or array_like, shape (m, 3) or (m, 2)
         Number of parents, or their positions [m], also outside the domain; shape (m, 2) where the domain is planar.
     children : float, optional
         Mean number of children of a parent, λ; each parent's is a Poisson number.

@@ -10,6 +10,7 @@ import numpy as np
 
 from grainsdem.atomic import replacing
 from grainsdem.errors import FileFormatError, InputError, MissingFileError, ShapeError, name_offenders
+from grainsdem.gate import gated
 from grainsdem.points import text
 from grainsdem.points.check import check_seeds
 
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 SUFFIXES = (".txt", ".dat", ".xyz", ".csv", ".npy", ".npz")
 
 
+@gated
 def read(path: str | os.PathLike[str]) -> NDArray[np.float64]:
     """Read seeds: numbers in two or three columns, one seed a row.
 
@@ -63,12 +65,13 @@ def read(path: str | os.PathLike[str]) -> NDArray[np.float64]:
     return points
 
 
+@gated
 def write(seeds: ArrayLike, path: str | os.PathLike[str]) -> Path:
     """Write seeds so that `read` gives the same to the bit, and return the path.
 
     Parameters
     ----------
-    seeds : array_like, shape (n, 3) or (n, 2)
+    seeds : array_like, shape (n, 3) or (n, 2) or (n, 2)
         Positions [m].
     path : str or path-like
         ``.txt``, ``.dat``, ``.xyz``, ``.csv`` (with a header) or ``.npy``.
@@ -116,6 +119,7 @@ def load_array(path: Path, name: str) -> NDArray[np.float64]:
         raise FileFormatError(f"{path}: not an array of numbers: {error}") from error
 
 
+@gated
 def scaled(
     points: ArrayLike, domain: Domain, *, bounds: ArrayLike | None = None, stretch: bool = True
 ) -> NDArray[np.float64]:
@@ -123,7 +127,7 @@ def scaled(
 
     Parameters
     ----------
-    points : array_like, shape (n, 3)
+    points : array_like, shape (n, 3) or (n, 2)
         In any unit; in a planar domain shape (n, 2), too, and what is beyond two columns is left out.
     domain : Domain
         Where they are to lie.

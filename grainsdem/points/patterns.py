@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from grainsdem.errors import InputError
+from grainsdem.gate import gated
 from grainsdem.points.check import check_seeds
 
 if TYPE_CHECKING:
@@ -33,12 +34,13 @@ PAIRS_AT_ONCE = 1_000_000
 """Pairs that are held at once, but for a single seed with more neighbours: memory does not grow with the pairs."""
 
 
+@gated
 def nearest_distances(seeds: ArrayLike, domain: Domain) -> Floats:
     """Return the distance [m] from each seed to the one nearest to it, shape (n,).
 
     Parameters
     ----------
-    seeds : array_like, shape (n, 3)
+    seeds : array_like, shape (n, 3) or (n, 2)
         At least two positions [m] in the domain.
     domain : Domain
         Across its periodic walls distances are those to the nearest image; at other walls nothing is corrected.
@@ -51,6 +53,7 @@ def nearest_distances(seeds: ArrayLike, domain: Domain) -> Floats:
     return _nearest(_checked(seeds, domain), domain)
 
 
+@gated
 def clark_evans(seeds: ArrayLike, domain: Domain) -> float:
     r"""Return Clark and Evans's index [3]_: the mean distance to the nearest seed against that of a Poisson process.
 
@@ -65,12 +68,13 @@ def clark_evans(seeds: ArrayLike, domain: Domain) -> float:
     return _order(nearest_distances(seeds, domain), domain)
 
 
+@gated
 def ripley_k(seeds: ArrayLike, domain: Domain, radii: ArrayLike) -> Floats:
     r"""Return Ripley's K function [1]_: the mean number of further seeds within r of a seed, over the intensity.
 
     Parameters
     ----------
-    seeds : array_like, shape (n, 3)
+    seeds : array_like, shape (n, 3) or (n, 2)
         At least two positions [m] in the domain.
     domain : Domain
         What they lie in; in a planar domain distances and areas are those in its plane.
@@ -103,6 +107,7 @@ def ripley_k(seeds: ArrayLike, domain: Domain, radii: ArrayLike) -> Floats:
     return np.cumsum(_rises(points, domain, edges))
 
 
+@gated
 def pair_correlation(seeds: ArrayLike, domain: Domain, radii: ArrayLike) -> Floats:
     """Return the pair correlation g: how many pairs are so far apart, over how many of a Poisson process would be.
 
@@ -130,6 +135,7 @@ def pair_correlation(seeds: ArrayLike, domain: Domain, radii: ArrayLike) -> Floa
     return _rises(points, domain, edges)[1:] / np.diff(_ball(edges, _dimensions(domain)))
 
 
+@gated
 def describe(seeds: ArrayLike, domain: Domain, *, reach: float | None = None, shells: int = 12) -> dict[str, Any]:
     """Return what kind of pattern seeds make, as plain numbers.
 

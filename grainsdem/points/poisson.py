@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.errors import InputError
+from grainsdem.gate import gated
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     from grainsdem.model import Domain
 
 
+@gated
 def poisson(
     domain: Domain, n: int, *, exact: bool = True, rng: np.random.Generator | int | None = None
 ) -> NDArray[np.float64]:

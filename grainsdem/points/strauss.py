@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from grainsdem.errors import InputError
+from grainsdem.gate import gated
 from grainsdem.points.poisson import check_count, uniform
 
 if TYPE_CHECKING:
@@ -37,6 +38,7 @@ MOST_CANDIDATES = 50_000_000
 """Candidates in all, and 500 more for each point: near a full domain each point takes longer than those before it."""
 
 
+@gated
 def strauss(
     domain: Domain, n: int, *, distance: float, inhibition: float, rng: np.random.Generator | int | None = None
 ) -> NDArray[np.float64]:
@@ -94,6 +96,7 @@ def strauss(
     return points
 
 
+@gated
 def strauss_process(
     domain: Domain,
     n: int | None = None,

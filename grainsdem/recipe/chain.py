@@ -13,6 +13,7 @@ from grainsdem import figures, storage
 from grainsdem.atomic import replacing
 from grainsdem.dynamics import Settled, settle
 from grainsdem.errors import RefusedError, UnstableError, WriteError
+from grainsdem.gate import gated
 from grainsdem.measures import summary
 from grainsdem.packing import contacts
 from grainsdem.recipe.experiments import perform_all, write_replays
@@ -56,6 +57,7 @@ class Result:
     files: list[Path]
 
 
+@gated
 def run(recipe: Recipe, folder: str | os.PathLike[str], monitor: Monitor | None = None) -> Result:
     """Make the bed, validate it, write it, settle it, and do the same with what has settled.
 

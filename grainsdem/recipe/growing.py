@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.errors import InputError
+from grainsdem.gate import gated
 from grainsdem.packing.carve import unwarned
 from grainsdem.recipe.grains import Layers, laid_out, shape, size_ratio, sized
 from grainsdem.recipe.seeds import place
@@ -40,6 +41,7 @@ _CLOSE = 5e-4
 """Relative error of the grains' size at which no other number is tried: large beds are as near after two or three."""
 
 
+@gated
 def grow(recipe: Recipe, monitor: Monitor | None = None) -> Packing:
     """Return the bed that a recipe's seeds and grains tables describe, or its shapes laid out loose.
 

@@ -11,6 +11,7 @@ from pydantic import BaseModel, Field, ValidationError, create_model, model_seri
 
 import exporters
 from grainsdem.errors import FileFormatError, InputError, MissingFileError, name_offenders
+from grainsdem.gate import gated
 from grainsdem.options import explained
 from grainsdem.recipe.base import Table
 from grainsdem.recipe.domain import DomainTable
@@ -240,6 +241,7 @@ def _again(values: dict[str, Any], given: set[str]) -> Recipe:
     return recipe_model().model_construct(given, **values)
 
 
+@gated
 def read(path: str | os.PathLike[str]) -> Recipe:
     """Read a recipe.
 
@@ -280,6 +282,7 @@ def _found_beside(table: _Sized, folder: Path) -> _Sized:
     return table
 
 
+@gated
 def parse(text: str) -> Recipe:
     """Return the recipe that a TOML text holds; errors as in `read`."""
     try:
@@ -292,6 +295,7 @@ def parse(text: str) -> Recipe:
         raise FileFormatError(str(error)) from error
 
 
+@gated
 def make(**tables: Any) -> Recipe:
     """Return the recipe of the given tables, each a dictionary.
 

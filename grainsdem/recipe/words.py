@@ -8,6 +8,7 @@ from contextlib import contextmanager, nullcontext
 from typing import TYPE_CHECKING, Any, Protocol
 
 from grainsdem.errors import GrainsDEMError, WriteError
+from grainsdem.gate import gated
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -44,11 +45,13 @@ def noting(refused: dict[str, str], name: str) -> Iterator[None]:
         refused[name] = str(error)
 
 
+@gated
 def counting_words(tell: Callable[[float, str], None], things: str) -> Callable[[int, int], None]:
     """Return a callback that tells how many of how many things are done."""
     return lambda done, total: tell(done / max(total, 1), f"{done} of {total} {things}")
 
 
+@gated
 def settling_words(tell: Callable[[float, str], None]) -> Callable[[Progress], None]:
     """Return a callback for `settle` that tells the fraction done and what is being waited for.
 
@@ -69,6 +72,7 @@ def settling_words(tell: Callable[[float, str], None]) -> Callable[[Progress], N
     return hear
 
 
+@gated
 def throat_widths_told(packing: Packing) -> dict[str, Any]:
     """Return ``throats``: mean, standard deviation and percentiles [m] of their widths before and after grains moved.
 

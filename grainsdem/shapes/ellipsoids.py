@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.errors import InputError
+from grainsdem.gate import gated
 from grainsdem.geometry.hulls import convex_hull, outline
 from grainsdem.geometry.integrals import volumes
 from grainsdem.shapes.directions import spread
@@ -25,6 +26,7 @@ _SAMPLE = 4000
 """Points of a superellipsoid's surface that corners are chosen among."""
 
 
+@gated
 def ellipsoid(a: float, b: float, c: float, *, n_vertices: int = N_VERTICES) -> Polyhedra:
     """Return an ellipsoid as a polyhedron of triangles, about its centroid.
 
@@ -52,6 +54,7 @@ def ellipsoid(a: float, b: float, c: float, *, n_vertices: int = N_VERTICES) -> 
     return _of_volume(shape, np.pi / 6 * a * b * c)
 
 
+@gated
 def superellipsoid(
     a: float, b: float, c: float, *, exponents: tuple[float, float] = (1.0, 1.0), n_vertices: int = N_VERTICES
 ) -> Polyhedra:

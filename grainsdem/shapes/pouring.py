@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from grainsdem.errors import InputError, ShapeError
+from grainsdem.gate import gated
 from grainsdem.geometry.forms.sizes import sphere_diameters
 from grainsdem.geometry.integrals import face_planes, volumes
 from grainsdem.geometry.loose import Arrivals, admit, as_bodies
@@ -53,6 +54,7 @@ _RAISES = 300
 """How often in a row the lid is raised for one grain: the box is then four hundred times as high."""
 
 
+@gated
 def pack(
     shapes: Polyhedra | Scans | Sequence[Polyhedra | Scans],
     sizes: ArrayLike | Law,
@@ -136,6 +138,7 @@ def pack(
     ).with_step("pack", n_grains=len(grains), n_kinds=len(kinds), by=by, solid_fraction=solid_fraction)
 
 
+@gated
 def scatter(
     packing: Packing,
     *,

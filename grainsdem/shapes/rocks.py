@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.errors import ConvergenceError, InputError, ShapeError, name_offenders
+from grainsdem.gate import gated
 from grainsdem.geometry.forms.boxes import standing_boxes
 from grainsdem.geometry.forms.outlines import outline_roundnesses
 from grainsdem.geometry.hulls import convex_hulls
@@ -52,6 +53,7 @@ _UNEVEN = 0.15
 """How far faces lie from the middle, one from another, relative."""
 
 
+@gated
 def rock(
     n: int = 1,
     *,

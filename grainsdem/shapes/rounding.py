@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from grainsdem.errors import InputError, ShapeError, name_offenders
+from grainsdem.gate import gated
 from grainsdem.geometry.forms.outlines import outline_roundnesses
 from grainsdem.geometry.hulls import convex_hull
 from grainsdem.geometry.integrals import face_planes, volumes
@@ -35,6 +36,7 @@ _LARGEST = 0.98
 """Largest radius of an edge, relative to the ball inside: with all of it nothing is left to be rounded."""
 
 
+@gated
 def rounded(shapes: Polyhedra, roundness: ArrayLike, *, n_vertices: int = MOST_VERTICES) -> Polyhedra:
     """Return shapes with bevelled edges and corners, of the same volumes and of a given roundness.
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.errors import InputError, ShapeError, name_offenders
+from grainsdem.gate import gated
 from grainsdem.geometry.forms.sizes import above_zero, sphere_diameters
 from grainsdem.geometry.integrals import integrate, volumes
 from grainsdem.model import Polyhedra
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 
+@gated
 def sized(shapes: Polyhedra, diameters: ArrayLike) -> Polyhedra:
     """Return shapes scaled, each about its own origin, to diameters [m] of the spheres of equal volume.
 
@@ -53,6 +55,7 @@ def centred(shapes: Polyhedra) -> Polyhedra:
     return replace(shapes, vertices=shapes.vertices - measured.centroids[owners(shapes.vertex_offsets)])
 
 
+@gated
 def together(*shapes: Polyhedra) -> Polyhedra:
     """Return several polyhedra, or sets of them, as one set, in their order.
 

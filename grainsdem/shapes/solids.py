@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.errors import InputError
+from grainsdem.gate import gated
 from grainsdem.geometry.hulls import convex_hull
 from grainsdem.shapes.sizing import centred, check_positive, sized
 
@@ -22,6 +23,7 @@ PLATONIC = ("tetrahedron", "cube", "octahedron", "dodecahedron", "icosahedron")
 """Names that `platonic` knows."""
 
 
+@gated
 def platonic(name: str, *, diameter: float = 1.0) -> Polyhedra:
     """Return one of Plato's solids, about its centre.
 
@@ -48,6 +50,7 @@ def platonic(name: str, *, diameter: float = 1.0) -> Polyhedra:
     return sized(convex_hull(_corners(name)), diameter)
 
 
+@gated
 def box(a: float, b: float, c: float) -> Polyhedra:
     """Return a brick about its centre, with edges [m] along x, y and z.
 
@@ -61,6 +64,7 @@ def box(a: float, b: float, c: float) -> Polyhedra:
     return convex_hull(0.5 * np.array(list(product((-a, a), (-b, b), (-c, c)))))
 
 
+@gated
 def prism(n: int, *, aspect: float = 1.0, diameter: float = 1.0) -> Polyhedra:
     """Return an upright prism over a regular polygon, about its centroid.
 

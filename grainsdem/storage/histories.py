@@ -10,6 +10,7 @@ import h5py
 import numpy as np
 
 from grainsdem.errors import InputError, ShapeError
+from grainsdem.gate import gated
 from grainsdem.storage.hdf5 import LIBVER, check_room, check_suffix, describe, read_dataset, reading, writing
 from grainsdem.storage.packings import read_packing, write_packing
 from grainsdem.storage.surroundings import MOVES, SCHEMA, create_surroundings
@@ -175,6 +176,7 @@ class HistoryWriter:
         self.close()
 
 
+@gated
 def load_history(path: str | os.PathLike[str]) -> dict[str, NDArray[np.float64]]:
     """Read a history that a `HistoryWriter` wrote, while it is being written or after.
 
@@ -215,6 +217,7 @@ def load_history(path: str | os.PathLike[str]) -> dict[str, NDArray[np.float64]]
         return result
 
 
+@gated
 def load_moved(path: str | os.PathLike[str], packing: Packing) -> Packing:
     """Return the grains that the frames of a history are of.
 
@@ -234,6 +237,7 @@ def load_moved(path: str | os.PathLike[str], packing: Packing) -> Packing:
         return read_packing(file["grains"]) if "grains" in file else packing
 
 
+@gated
 def load_motion(path: str | os.PathLike[str]) -> dict[str, NDArray[np.float64]]:
     """Read the frames of a history: what `exporters.replay` and `grainsdem.figures.animate` take.
 

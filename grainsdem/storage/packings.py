@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import h5py
 
 from grainsdem.atomic import replacing
+from grainsdem.gate import gated
 from grainsdem.model import CellLinks, Domain, Packing, Polyhedra
 from grainsdem.storage.hdf5 import LIBVER, check_suffix, describe, read_dataset, reading, to_text
 
@@ -22,6 +23,7 @@ SCHEMA = "grainsdem.packing"
 _LINKS = ("neighbors", "shifts", "cell_volumes", "sites", "heights", "rooms")
 
 
+@gated
 def save(packing: Packing, path: str | os.PathLike[str]) -> Path:
     """Write a packing to HDF5.
 
@@ -57,6 +59,7 @@ def save(packing: Packing, path: str | os.PathLike[str]) -> Path:
     return target
 
 
+@gated
 def load(path: str | os.PathLike[str]) -> Packing:
     """Read a packing that `save` wrote.
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from grainsdem.gate import gated
 from grainsdem.model import Surroundings
 from grainsdem.storage.hdf5 import read_dataset, reading
 
@@ -48,6 +49,7 @@ def create_surroundings(file: h5py.File, around: Surroundings) -> dict[str, h5py
     return grown
 
 
+@gated
 def load_surroundings(path: str | os.PathLike[str]) -> Surroundings | None:
     """Read what was around the grains in a run: what `grainsdem.figures.animate` draws besides them.
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from grainsdem import recipe as recipes
 from grainsdem.errors import FileFormatError, InputError, MissingFileError, name_offenders
+from grainsdem.gate import gated
 
 if TYPE_CHECKING:
     import os
@@ -126,6 +127,7 @@ class Survey:
         return list(cases.values())
 
 
+@gated
 def read(
     path: str | os.PathLike[str], *, vary: Mapping[str, Sequence[Any]] | None = None, repeats: int | None = None
 ) -> Survey:
@@ -178,6 +180,7 @@ def _find_beside(folder: Path, tables: dict[str, Any]) -> None:
             table |= {key: str(folder / name) for key, name in files.items()}
 
 
+@gated
 def parse_vary(items: Sequence[str]) -> dict[str, list[Any]]:
     """Return the keys and values of texts such as ``"seeds.count=100,200"``; values are read as TOML, or as words.
 

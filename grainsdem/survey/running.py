@@ -17,6 +17,7 @@ import grainsdem
 from grainsdem import recipe as recipes
 from grainsdem.atomic import replacing
 from grainsdem.errors import FileFormatError, GrainsDEMError, InputError, MissingFileError
+from grainsdem.gate import gated
 from grainsdem.geometry.forms.sizes import grain_diameters, grain_sphericities
 from grainsdem.geometry.integrals import integrate
 from grainsdem.measures import summary as summarize
@@ -58,6 +59,7 @@ PAUSE = 2.0
 """Seconds between two writings of the table: what an interrupted survey may lose."""
 
 
+@gated
 def run(
     survey: Survey,
     path: str | os.PathLike[str],
@@ -172,6 +174,7 @@ def _measures(bed: Packing) -> list[Any]:
     return [found[name] for name in MEASURES]
 
 
+@gated
 def load(path: str | os.PathLike[str]) -> NDArray[np.void]:
     """Return a survey's table as a structured array; numbers where a column has nothing else.
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 
 from grainsdem.errors import ConvergenceError, InputError
+from grainsdem.gate import gated
 from grainsdem.geometry.forms.boxes import rectangles
 from grainsdem.geometry.forms.holes import square_holes
 from grainsdem.geometry.integrals import volumes
@@ -65,6 +66,7 @@ class GradedCells(NamedTuple):
     deviation: float
 
 
+@gated
 def graded_cells(
     domain: Domain,
     curve: Grading | Law,
@@ -89,7 +91,7 @@ def graded_cells(
         Percent passing by mass, or a law of diameters [m] by number.
     n : int, optional
         Number of cells, those that are dropped among them; as many as there are seeds where not given.
-    seeds : array_like, shape (n, 3), optional
+    seeds : array_like, shape (n, 3) or (n, 2), optional
         Where to start from; random where not given.
     keep : {"inside", "all"}
         Which cells become grains (see `carve`).

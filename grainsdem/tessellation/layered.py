@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 
 from grainsdem.errors import InputError
+from grainsdem.gate import gated
 from grainsdem.model import Domain, Grading, Tessellation
 from grainsdem.points.poisson import poisson
 from grainsdem.roots import raised
@@ -84,6 +85,7 @@ class LayeredCells(NamedTuple):
     deviation: float
 
 
+@gated
 def layered_cells(
     domain: Domain,
     layers: Sequence[Layer],

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from grainsdem.errors import InputError
+from grainsdem.gate import gated
 from grainsdem.geometry.ahead import compiled
 from grainsdem.points.check import check_seeds
 from grainsdem.tessellation.density import sampler, weighted_centroids
@@ -54,6 +55,7 @@ class Relaxation(NamedTuple):
     moves: Floats
 
 
+@gated
 def relax(
     seeds: ArrayLike,
     domain: Domain,
@@ -70,7 +72,7 @@ def relax(
 
     Parameters
     ----------
-    seeds : array_like, shape (n, 3)
+    seeds : array_like, shape (n, 3) or (n, 2)
         Positions [m].
     domain : Domain
         What the cells fill; seeds wrap around its periodic axes.
@@ -114,6 +116,7 @@ def relax(
     ).seeds
 
 
+@gated
 def relaxation(
     seeds: ArrayLike,
     domain: Domain,

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, Self
 import numpy as np
 
 from grainsdem.errors import ConvergenceError, InputError
+from grainsdem.gate import gated
 from grainsdem.geometry.forms.boxes import boxes_on_faces, rectangles
 from grainsdem.model import Domain, Polyhedra, Tessellation
 from grainsdem.model.arrays import Noun
@@ -184,6 +185,7 @@ class Shape(NamedTuple):
     dip: float = 0.0
 
 
+@gated
 def shaped_cells(
     domain: Domain,
     shape: Shape,

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 
 from grainsdem.errors import ConvergenceError, InputError, ShapeError, name_offenders
+from grainsdem.gate import gated
 from grainsdem.geometry.ahead import compiled
 from grainsdem.geometry.integrals import face_planes, integrate
 from grainsdem.model import Domain, Polyhedra, Tessellation
@@ -72,6 +73,7 @@ class _State(NamedTuple):
     centroids: Floats
 
 
+@gated
 def sized_cells(
     domain: Domain,
     diameters: ArrayLike | Law,
@@ -95,7 +97,7 @@ def sized_cells(
         taken at equal steps of probability, in random order.
     n : int, optional
         Number of cells for a distribution; as many as fill the domain at the diameters asked for, where not given.
-    seeds : array_like, shape (n, 3), optional
+    seeds : array_like, shape (n, 3) or (n, 2), optional
         Where to start from; random where not given. Diameter i goes to seed i.
     tolerance : float
         Largest relative error of a cell's volume.

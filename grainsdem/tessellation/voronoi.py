@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.errors import GrainsDEMError, InputError, ShapeError, name_offenders
+from grainsdem.gate import gated
 from grainsdem.geometry.ahead import compiled
 from grainsdem.geometry.integrals import volumes
 from grainsdem.model import Polyhedra, Tessellation
@@ -31,12 +32,13 @@ VOLUME_TOLERANCE = 1e-11
 """What the sum of the volumes may be off, relative to the domain: some 1e-15 for all but nearly coincident seeds."""
 
 
+@gated
 def tessellate(seeds: ArrayLike, domain: Domain, *, weights: ArrayLike | None = None) -> Tessellation:
     """Return the Voronoi cells of ``seeds``, or their Laguerre cells, cut by the walls of ``domain``.
 
     Parameters
     ----------
-    seeds : array_like, shape (n, 3)
+    seeds : array_like, shape (n, 3) or (n, 2)
         Positions [m]; shape (n, 2) is taken as lying in the mid-plane of a planar domain.
     domain : Domain
         What the cells fill.

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from grainsdem.errors import InputError
+from grainsdem.gate import gated
 from grainsdem.geometry.ahead import compiled
 from grainsdem.geometry.bounds import boxes
 from grainsdem.geometry.defects import find_defects
@@ -30,6 +31,7 @@ MOST_VERTICES = 64
 """PhysX builds convex hulls of at most 64 vertices on the GPU."""
 
 
+@gated
 def validate(
     packing: Packing,
     *,

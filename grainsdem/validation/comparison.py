@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.errors import InputError
+from grainsdem.gate import gated
 from grainsdem.geometry.integrals import integrate
 from grainsdem.geometry.rotations import to_matrices
 from grainsdem.model import Check
@@ -20,6 +21,7 @@ SAME = 1e-4
 """Default tolerance of volumes, relative to a grain's, and of centroids, relative to the mean diameter."""
 
 
+@gated
 def compare(packing: Packing, original: Packing, *, tolerance: float = SAME) -> tuple[Check, ...]:
     """Return whether every grain of ``original`` is there, as large and where it was.
 

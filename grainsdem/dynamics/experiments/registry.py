@@ -22,6 +22,7 @@ from grainsdem.dynamics.experiments.shared import DEFAULTS, NOTES, Run
 from grainsdem.dynamics.loop import Record
 from grainsdem.dynamics.mechanics import snapshot
 from grainsdem.errors import InputError, MissingPackageError
+from grainsdem.gate import gated
 from grainsdem.options import STRICT, checked, model_of, notes_of
 
 if TYPE_CHECKING:
@@ -136,11 +137,12 @@ def experiment(
         signature = _signature(setup, options)
         run.__signature__ = signature  # type: ignore[attr-defined]
         run.__doc__ = documented(setup.__doc__ or "", options, notes, raises=UNSTABLE)
+        function = gated(run, leave=options.model_fields)
         _found[name] = Experiment(
-            name=name, function=run, options=options, notes=notes, caution=caution, panels=panels, whole=whole,
+            name=name, function=function, options=options, notes=notes, caution=caution, panels=panels, whole=whole,
             needs_seed=needs_seed,
         )  # fmt: skip
-        return run
+        return function
 
     return decorate
 

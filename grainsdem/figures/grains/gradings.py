@@ -8,6 +8,7 @@ import numpy as np
 
 from grainsdem.errors import InputError
 from grainsdem.figures.frame import BLUE, GREY, INK, RED, check_suffix, drawing, length_unit, scale_sizes
+from grainsdem.gate import gated
 from grainsdem.measures.grains.sizes import diameters, masses, sieve_diameters
 
 if TYPE_CHECKING:
@@ -29,6 +30,7 @@ POINTS = 300
 """Points of a fitted curve."""
 
 
+@gated
 def grading_figure(
     path: str | os.PathLike[str],
     *,

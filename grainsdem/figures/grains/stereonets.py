@@ -8,6 +8,7 @@ import numpy as np
 
 from grainsdem.errors import InputError
 from grainsdem.figures.frame import BLUE, GREY, INK, RED, check_suffix, drawing
+from grainsdem.gate import gated
 from grainsdem.measures.grains.directions import AXES, orientation_tensor, principal_axes, trend_and_plunge
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ PETALS = 36
 _NAMES = {"a": "long", "b": "middle", "c": "short"}
 
 
+@gated
 def stereonet(packing: Packing, path: str | os.PathLike[str], *, axis: str = "a") -> Path:
     """Draw where an axis of each grain points: on the lower hemisphere, areas true, and as a rose of trends.
 

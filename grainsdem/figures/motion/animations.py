@@ -15,6 +15,7 @@ from grainsdem.figures.motion.bodies import surrounded
 from grainsdem.figures.motion.videos import find_ffmpeg, write_film
 from grainsdem.figures.renders import painting
 from grainsdem.figures.scene import set_scene
+from grainsdem.gate import gated
 from grainsdem.measures import diameters
 from grainsdem.packing.carve import subset
 
@@ -43,6 +44,7 @@ WHITE = 245
 """Least of red, green and blue of a colour of a GIF that becomes white: a palette has means of what it merges."""
 
 
+@gated
 def animate(
     packing: Packing,
     path: str | os.PathLike[str],

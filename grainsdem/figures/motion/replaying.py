@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import exporters
 from grainsdem.errors import FileFormatError
 from grainsdem.figures.motion.animations import SUFFIXES, animate
+from grainsdem.gate import gated
 from grainsdem.storage import load_motion, load_moved, load_surroundings
 
 if TYPE_CHECKING:
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from grainsdem.model import Packing
 
 
+@gated
 def replay(
     history: str | os.PathLike[str],
     packing: Packing,

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.figures.frame import BLUE, INK, RED, check_suffix, drawing, length_unit
+from grainsdem.gate import gated
 
 if TYPE_CHECKING:
     import os
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from grainsdem.measures.voxels import Chords, Correlation
 
 
+@gated
 def phase_figure(correlation: Correlation, chords: Chords, path: str | os.PathLike[str]) -> Path:
     """Draw the two-point correlation of the solid, and the distributions of chords in grains and in the void.
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from grainsdem.errors import InputError, ShapeError
 from grainsdem.figures.frame import BLUE, INK, RED, check_suffix, drawing, length_unit, scale_sizes
+from grainsdem.gate import gated
 from grainsdem.geometry.integrals import volumes
 from grainsdem.measures.planform.truth import planform_table, true_sizes
 
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from grainsdem.model import Packing
 
 
+@gated
 def planform_figure(
     view: Planform,
     packing: Packing,

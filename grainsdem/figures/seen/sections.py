@@ -8,6 +8,7 @@ import numpy as np
 
 from grainsdem.errors import InputError, ShapeError
 from grainsdem.figures.frame import INK, RED, check_suffix, drawing, length_unit
+from grainsdem.gate import gated
 from grainsdem.measures.sections import Section, section_table
 
 if TYPE_CHECKING:
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 SAND = "#d8c49a"
 
 
+@gated
 def section_figure(
     sections: Section | Sequence[Section],
     path: str | os.PathLike[str],

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numba import njit
 
+from grainsdem.gate import gated
 from grainsdem.geometry.rotations import to_matrices
 from grainsdem.geometry.threads import in_blocks, inner
 from grainsdem.model.given import grains_of
@@ -210,6 +211,7 @@ def _clip(points, offsets, planes, areas):  # type: ignore[no-untyped-def]
         areas[j] = area
 
 
+@gated
 def mean_widths(grains: Grains) -> Floats:
     """Return the mean width [m] of each grain of a packing, or of each polyhedron, over all directions, shape (n,).
 

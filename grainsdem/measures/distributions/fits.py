@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from grainsdem.errors import InputError, ShapeError
+from grainsdem.gate import gated
 from grainsdem.measures.distributions.climbing import covariance
 from grainsdem.measures.distributions.hyperbolic import LogHyperbolic
 from grainsdem.measures.distributions.likelihood import (
@@ -106,6 +107,7 @@ class SizeFit:
         }
 
 
+@gated
 def fit_sizes(sizes: ArrayLike, family: Family = "log-hyperbolic", *, confidence: float = 0.95) -> SizeFit:
     """Fit a distribution to sizes by maximum likelihood, each size counting for one.
 

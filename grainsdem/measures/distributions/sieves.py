@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.errors import InputError, ShapeError
+from grainsdem.gate import gated
 from grainsdem.measures.distributions.climbing import Point, climb, covariance
 from grainsdem.measures.distributions.fits import Family, SizeFit, StandardFit, check_options, hyperbolic_parameters
 from grainsdem.measures.distributions.hyperbolic import NODES, WEIGHTS, span
@@ -47,6 +48,7 @@ LEAST_SHARE = 1e-300
 """Share below which a class counts as impossible, but not as infinitely so."""
 
 
+@gated
 def sieve_statistics(bounds: ArrayLike, weights: ArrayLike) -> SizeStatistics:
     """Return percentiles, graphic and moment statistics of weights in classes of size, and the names of their classes.
 
@@ -114,6 +116,7 @@ def _crossing(limits: Floats, passed: Floats, q: float) -> float:
     return float(limits[last] + part * (limits[first] - limits[last]))
 
 
+@gated
 def fit_sieves(
     bounds: ArrayLike, counts: ArrayLike, family: Family = "log-hyperbolic", *, confidence: float = 0.95
 ) -> SizeFit:

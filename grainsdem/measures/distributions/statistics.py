@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from grainsdem.errors import InputError
+from grainsdem.gate import gated
 from grainsdem.geometry.forms.sizes import grain_diameters
 from grainsdem.geometry.integrals import volumes
 from grainsdem.measures.distributions.fits import FAMILIES, check_options, fit_sizes
@@ -137,6 +138,7 @@ def to_phi(sizes: ArrayLike) -> Floats:
     return np.asarray(-np.log2(np.asarray(sizes, dtype=np.float64) / MILLIMETRE))
 
 
+@gated
 def size_statistics(sizes: ArrayLike, *, weights: ArrayLike | None = None) -> SizeStatistics:
     """Return percentiles, graphic and moment statistics of grains' sizes, and the names of their classes.
 
@@ -190,6 +192,7 @@ def described(sizes: Floats, phi: Floats, moments: PhiStatistics) -> SizeStatist
     )
 
 
+@gated
 def size_distribution(
     packing: Packing, *, diameter: Literal["volume", "sieve"] = "volume", confidence: float = 0.95
 ) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.errors import InputError, ShapeError
+from grainsdem.gate import gated
 from grainsdem.geometry.integrals import integrate
 from grainsdem.geometry.principal import principal_inertia
 from grainsdem.geometry.rotations import multiply, to_matrices
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 AXES = ("a", "b", "c")
 
 
+@gated
 def principal_axes(packing: Packing, *, measured: Integrals | None = None) -> Floats:
     """Return the directions of each grain's long, middle and short axis, where it lies in the bed.
 
@@ -52,6 +54,7 @@ def principal_axes(packing: Packing, *, measured: Integrals | None = None) -> Fl
     return np.ascontiguousarray(matrices.transpose(0, 2, 1))
 
 
+@gated
 def trend_and_plunge(directions: ArrayLike) -> tuple[Floats, Floats]:
     """Return trend and plunge [rad] of lines in space, shape (n,) each.
 
@@ -84,6 +87,7 @@ def trend_and_plunge(directions: ArrayLike) -> tuple[Floats, Floats]:
     return np.where(level > 0, trend, 0.0), np.where(is_flat, 0.0, np.arctan2(-v[:, 2], level))
 
 
+@gated
 def orientation_tensor(packing: Packing, axis: str = "a") -> Floats:
     """Return the mean of the dyads of an axis over the grains, shape (3, 3): of trace 1, a third each where isotropic.
 

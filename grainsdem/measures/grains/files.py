@@ -12,6 +12,7 @@ import numpy as np
 
 from grainsdem.atomic import replacing
 from grainsdem.errors import FileFormatError, MissingPackageError, ShapeError
+from grainsdem.gate import gated
 from grainsdem.measures.grains.tables import UNITS
 
 if TYPE_CHECKING:
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
+@gated
 def write_table(rows: NDArray[np.void], path: str | os.PathLike[str]) -> Path:
     """Write a table, or any structured array, as CSV, Parquet or HDF5, by the suffix of the path.
 
@@ -63,6 +65,7 @@ def table_content(rows: NDArray[np.void], suffix: str) -> bytes:
     return _WRITERS[suffix](rows)
 
 
+@gated
 def write_csv(rows: NDArray[np.void], path: str | os.PathLike[str]) -> Path:
     """Write a table, or any structured array, as CSV: `write_table` for a path that must end in ``.csv``.
 
@@ -89,6 +92,7 @@ def check_table(path: str | os.PathLike[str]) -> Path:
     return target
 
 
+@gated
 def to_pandas(rows: NDArray[np.void]) -> Any:
     """Return a table as a ``pandas.DataFrame``.
 

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.errors import InputError, ShapeError, name_offenders
+from grainsdem.gate import gated
 from grainsdem.geometry.forms.boxes import boxes_on_faces
 from grainsdem.geometry.forms.outlines import outline_roundnesses
 from grainsdem.geometry.forms.sizes import above_zero, grain_sphericities
@@ -41,6 +42,7 @@ ZINGG_CLASSES = ("blade", "rod", "disc", "spheroid")
 """Zingg's classes: neither ratio above the bound, c/b alone, b/a alone, both."""
 
 
+@gated
 def sphericities(grains: Grains) -> Floats:
     """Return Wadell's sphericity of each grain, shape (n,): surface of the equal-volume sphere over its own.
 
@@ -62,6 +64,7 @@ def sphericities(grains: Grains) -> Floats:
     return grain_sphericities(grains)
 
 
+@gated
 def ellipsoid_axes(grains: Grains, *, measured: Integrals | None = None) -> Floats:
     """Return the axes [m] a >= b >= c, shape (n, 3), of the ellipsoid that turns like each grain.
 
@@ -89,6 +92,7 @@ def ellipsoid_axes(grains: Grains, *, measured: Integrals | None = None) -> Floa
     return np.asarray(2 * np.sqrt(5 * np.maximum(squares, 0.0) / found.volumes[:, None]))
 
 
+@gated
 def box_axes(grains: Grains) -> Floats:
     """Return the edges [m] a >= b >= c, shape (n, 3), of each grain's smallest box with a side on one of its faces.
 
@@ -106,6 +110,7 @@ def box_axes(grains: Grains) -> Floats:
     return boxes_on_faces(grains_of(grains))
 
 
+@gated
 def roundness(grains: Grains) -> Floats:
     """Return Wadell's roundness of each grain, shape (n,): the radius of its corners over that of the circle inside.
 
@@ -131,12 +136,14 @@ def roundness(grains: Grains) -> Floats:
     return np.asarray(outline_roundnesses(grains_of(grains)).mean(axis=1))
 
 
+@gated
 def krumbein(axes: ArrayLike) -> Floats:
     """Return Krumbein's intercept sphericity (b c / a²)^(1/3), shape (n,), of axes a >= b >= c, shape (n, 3)."""
     a, b, c = _checked(axes).T
     return cube_roots(b * c / a**2)
 
 
+@gated
 def zingg(axes: ArrayLike) -> NDArray[np.str_]:
     """Return the Zingg class of axes a >= b >= c, shape (n, 3): one of `ZINGG_CLASSES` a grain, empty for NaN.
 

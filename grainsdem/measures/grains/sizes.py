@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.errors import InputError, ShapeError
+from grainsdem.gate import gated
 from grainsdem.geometry.forms.boxes import rectangles
 from grainsdem.geometry.forms.holes import square_holes
 from grainsdem.geometry.forms.sizes import above_zero, grain_diameters, weighted_percentiles
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from grainsdem.model.given import Grains
 
 
+@gated
 def diameters(grains: Grains) -> NDArray[np.float64]:
     """Return the diameter [m] of the sphere of each grain's volume, (6 V / π)^(1/3), shape (n,).
 
@@ -37,6 +39,7 @@ def diameters(grains: Grains) -> NDArray[np.float64]:
     return grain_diameters(grains)
 
 
+@gated
 def sieve_diameters(grains: Grains) -> NDArray[np.float64]:
     """Return the side [m] of the smallest square hole that each grain passes, turned as it may be, shape (n,).
 
@@ -67,6 +70,7 @@ def sieve_diameters(grains: Grains) -> NDArray[np.float64]:
     return square_holes(grains_of(grains))
 
 
+@gated
 def masses(packing: Packing) -> NDArray[np.float64]:
     """Return the mass [kg] of each grain, density times exact volume, shape (n,).
 
@@ -79,6 +83,7 @@ def masses(packing: Packing) -> NDArray[np.float64]:
     return packing.densities * above_zero(volumes(packing))
 
 
+@gated
 def percentiles(values: ArrayLike, q: ArrayLike, *, weights: ArrayLike | None = None) -> NDArray[np.float64]:
     """Return the values below which the given percentages lie, by number or by weight.
 

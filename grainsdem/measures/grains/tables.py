@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from grainsdem.errors import InputError, ShapeError
+from grainsdem.gate import gated
 from grainsdem.geometry.forms.boxes import rectangles
 from grainsdem.geometry.forms.sizes import grain_diameters, grain_sphericities
 from grainsdem.geometry.integrals import face_planes, integrate
@@ -37,6 +38,7 @@ UNITS = {
 """Unit of each column of `table` and `neighbor_table` that has one."""
 
 
+@gated
 def table(packing: Packing, *, sieves: bool = True) -> NDArray[np.void]:
     """Return one row a grain, in the order of the grains.
 
@@ -92,6 +94,7 @@ def table(packing: Packing, *, sieves: bool = True) -> NDArray[np.void]:
     return _joined(columns)
 
 
+@gated
 def neighbor_table(packing: Packing) -> NDArray[np.void]:
     """Return one row for each grain across a face of each grain: who grew beside whom, and how far they are.
 
@@ -122,6 +125,7 @@ def neighbor_table(packing: Packing) -> NDArray[np.void]:
     return _joined(columns)
 
 
+@gated
 def summary(packing: Packing, graph: ContactGraph | None = None) -> dict[str, Any]:
     """Return what one says about a bed in one line, as JSON values in SI units.
 

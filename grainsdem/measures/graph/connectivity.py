@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.errors import InputError
+from grainsdem.gate import gated
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     from grainsdem.model import ContactGraph
 
 
+@gated
 def degree_distribution(graph: ContactGraph) -> NDArray[np.int64]:
     """Return how many grains have 0, 1, 2, … contacts, shape (most + 1,).
 
@@ -28,6 +30,7 @@ def degree_distribution(graph: ContactGraph) -> NDArray[np.int64]:
     return np.bincount(graph.coordination(), minlength=1)
 
 
+@gated
 def rattlers(graph: ContactGraph, *, least: int = 2) -> NDArray[np.bool_]:
     """Return which grains carry no force: too few contacts, once other rattlers are taken away.
 
@@ -62,6 +65,7 @@ def rattlers(graph: ContactGraph, *, least: int = 2) -> NDArray[np.bool_]:
         kept = ~(loose[j] | (loose[i] & (i >= 0)))
 
 
+@gated
 def mean_coordination(graph: ContactGraph, *, without_rattlers: bool = False, least: int = 2) -> float:
     """Return the mean number of contacts a grain; NaN where no grain is left.
 
@@ -83,6 +87,7 @@ def mean_coordination(graph: ContactGraph, *, without_rattlers: bool = False, le
     return float(counts.mean()) if counts.size else np.nan
 
 
+@gated
 def components(graph: ContactGraph) -> NDArray[np.int32]:
     """Return the connected component of each grain, shape (n_grains,), numbered from 0 in the order of first grains.
 
@@ -97,6 +102,7 @@ def components(graph: ContactGraph) -> NDArray[np.int32]:
     return rank[inverse.reshape(-1)]
 
 
+@gated
 def coordination_curve(
     graph: ContactGraph, thresholds: ArrayLike | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -12,6 +12,7 @@ import numpy as np
 
 from grainsdem.atomic import replacing
 from grainsdem.errors import FileFormatError, MissingPackageError, ShapeError
+from grainsdem.gate import gated
 
 if TYPE_CHECKING:
     import os
@@ -29,6 +30,7 @@ COLUMNS = ("i", "j", "gap", "area", "nx", "ny", "nz", "x", "y", "z", "kind")
 SUFFIXES = (".csv", ".parquet", ".graphml", ".vtp")
 
 
+@gated
 def write_edges(
     graph: ContactGraph,
     path: str | os.PathLike[str],

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.errors import InputError, ShapeError
+from grainsdem.gate import gated
 from grainsdem.model.given import require_packing
 
 if TYPE_CHECKING:
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 
+@gated
 def fabric_tensor(directions: ArrayLike, *, weights: ArrayLike | None = None) -> Floats:
     """Return the mean of n ⊗ n over unit vectors: symmetric, of trace one, 1/3 of the identity where isotropic.
 
@@ -60,6 +62,7 @@ def fabric_tensor(directions: ArrayLike, *, weights: ArrayLike | None = None) ->
     return np.asarray(np.einsum("m,mi,mj->ij", share / share.sum(), unit, unit))
 
 
+@gated
 def anisotropy(tensor: Floats) -> float:
     """Return the amplitude of a fabric tensor's deviator: zero where directions are isotropic.
 
@@ -72,6 +75,7 @@ def anisotropy(tensor: Floats) -> float:
     return float(2.5 * np.sqrt(1.5 * np.sum(deviator * deviator)))
 
 
+@gated
 def branch_vectors(graph: ContactGraph, packing: Packing) -> Floats:
     """Return the vector [m] from the centroid of i to that of j's image, one a contact of two grains, shape (m, 3).
 

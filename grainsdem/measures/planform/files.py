@@ -12,6 +12,7 @@ import numpy as np
 
 from grainsdem.atomic import write_all
 from grainsdem.errors import InputError, MissingPackageError, name_offenders
+from grainsdem.gate import gated
 from grainsdem.measures.grains.files import table_content
 from grainsdem.measures.planform.photographs import photograph
 from grainsdem.measures.planform.truth import planform_bias, planform_table
@@ -30,6 +31,7 @@ FORMATS = ("png", "npy", "tif")
 """What images are written as."""
 
 
+@gated
 def write_planform(
     view: Planform,
     packing: Packing,

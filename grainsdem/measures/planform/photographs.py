@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from grainsdem.errors import InputError
+from grainsdem.gate import gated
 from grainsdem.geometry.forms.sizes import grain_diameters
 from grainsdem.geometry.integrals import face_planes
 from grainsdem.geometry.raster.above import shadows, sky
@@ -28,6 +29,7 @@ REACH = 3.0
 """How far grains hide the sky from one another, in mean diameters."""
 
 
+@gated
 def photograph(
     view: Planform,
     packing: Packing,

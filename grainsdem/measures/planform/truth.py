@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.errors import InputError
+from grainsdem.gate import gated
 from grainsdem.geometry.forms.sizes import grain_diameters, weighted_percentiles
 from grainsdem.geometry.integrals import face_planes, integrate
 from grainsdem.geometry.raster.copies import turned_normals
@@ -44,6 +45,7 @@ COLUMNS = np.dtype(
 """Columns of `planform_table`."""
 
 
+@gated
 def planform_table(view: Planform, packing: Packing) -> NDArray[np.void]:
     """Return one row for each grain that is seen, by rising id: how large it seems, and how large it is.
 
@@ -91,6 +93,7 @@ def planform_table(view: Planform, packing: Packing) -> NDArray[np.void]:
     return rows
 
 
+@gated
 def planform_bias(rows: NDArray[np.void], packing: Packing, *, least_pixels: int = 1) -> NDArray[np.void]:
     """Return what is read off a planform beside the truth, one row a statistic of the intermediate axis b.
 

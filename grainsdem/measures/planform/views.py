@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.errors import InputError
+from grainsdem.gate import gated
 from grainsdem.geometry.forms.sizes import grain_diameters
 from grainsdem.geometry.raster.above import look_down
 from grainsdem.model.arrays import Noun
@@ -83,6 +84,7 @@ class Planform(Noun):
         return x, y
 
 
+@gated
 def planform(
     packing: Packing,
     *,

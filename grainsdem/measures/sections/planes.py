@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.errors import InputError, ShapeError
+from grainsdem.gate import gated
 from grainsdem.geometry.clipping import box_planes
 from grainsdem.geometry.raster.copies import copies
 from grainsdem.geometry.raster.slicing import cut_polygons
@@ -82,6 +83,7 @@ class Section(Noun):
         return flat
 
 
+@gated
 def section(
     packing: Packing,
     *,

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from grainsdem.errors import InputError
+from grainsdem.gate import gated
 from grainsdem.geometry.bounds import boxes
 from grainsdem.geometry.raster.copies import copies
 from grainsdem.measures.sections.planes import cut, find_plane
@@ -24,6 +25,7 @@ FIELDS = ("area", "area_fraction", "n_sections", "n_per_area", "mean_area", "mea
 """Columns of `section_profile` after the place: those of `section_summary`."""
 
 
+@gated
 def section_profile(
     packing: Packing,
     places: int | ArrayLike = 32,

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.errors import InputError
+from grainsdem.gate import gated
 from grainsdem.geometry.forms.sizes import above_zero
 from grainsdem.geometry.integrals import volumes
 from grainsdem.geometry.raster.slicing import mean_widths
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 
+@gated
 def widths(packing: Packing, direction: ArrayLike) -> Floats:
     """Return the width [m] of each grain along a direction: the distance of the planes that hold it, shape (n,).
 
@@ -47,6 +49,7 @@ def widths(packing: Packing, direction: ArrayLike) -> Floats:
     return np.maximum.reduceat(heights, starts) - np.minimum.reduceat(heights, starts)
 
 
+@gated
 def expected_section(packing: Packing, *, normal: ArrayLike | None = None) -> dict[str, float]:
     """Return what a section is in the mean over all planes that meet the domain.
 

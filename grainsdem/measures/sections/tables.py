@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from grainsdem.gate import gated
 from grainsdem.geometry.forms.sizes import weighted_percentiles
 from grainsdem.geometry.raster.slicing import areas_inside
 from grainsdem.ragged import sum_rows
@@ -35,6 +36,7 @@ COLUMNS = np.dtype(
 """Columns of `section_table`."""
 
 
+@gated
 def section_table(section: Section) -> NDArray[np.void]:
     """Return one row a polygon, in their order.
 
@@ -64,6 +66,7 @@ def section_table(section: Section) -> NDArray[np.void]:
     return rows
 
 
+@gated
 def section_summary(section: Section) -> dict[str, Any]:
     """Return what one says about a section in one line, as JSON values in SI units.
 

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.errors import InputError, ShapeError
+from grainsdem.gate import gated
 from grainsdem.geometry.forms.sizes import grain_diameters
 from grainsdem.geometry.raster.slicing import mean_widths
 from grainsdem.geometry.rotations import random_quaternions, to_matrices
@@ -160,6 +161,7 @@ class Unfolded:
         return rows
 
 
+@gated
 def unfold(diameters: ArrayLike, kernel: SectionKernel | None = None) -> Unfolded:
     """Return the sizes of grains from those of their sections in planes at random.
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 
 from grainsdem.errors import InputError
+from grainsdem.gate import gated
 from grainsdem.geometry.integrals import face_planes
 from grainsdem.geometry.raster.lattice import OUTSIDE, VOID
 from grainsdem.geometry.raster.lines import count_pairs, run_lengths
@@ -55,6 +56,7 @@ class Chords(NamedTuple):
         return float(counts @ self.lengths / total) if total else float("nan")
 
 
+@gated
 def chord_lengths(voxels: Voxels, axis: Literal["x", "y", "z"] = "x") -> Chords:
     """Return how often lines along an axis have chords of each length, in grains and in the void.
 
@@ -94,6 +96,7 @@ def chord_lengths(voxels: Voxels, axis: Literal["x", "y", "z"] = "x") -> Chords:
     return Chords(voxels.spacing[number] * np.arange(n), solid[:n], void[:n])
 
 
+@gated
 def exact_specific_surface(packing: Packing) -> float:
     """Return the surface [m⁻¹] of all grains over the volume of their domain, from their faces.
 
@@ -115,6 +118,7 @@ def exact_specific_surface(packing: Packing) -> float:
     return float(areas.sum() / packing.domain.volume)
 
 
+@gated
 def specific_surface(voxels: Voxels, *, method: Literal["correlation", "crofton"] = "correlation") -> float:
     """Return the surface [m⁻¹] between grains and void in a unit of volume.
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from grainsdem.errors import InputError
+from grainsdem.gate import gated
 from grainsdem.geometry.raster.lattice import OUTSIDE, VOID
 from grainsdem.workers import n_processors
 
@@ -48,6 +49,7 @@ class Correlation(NamedTuple):
         return rows
 
 
+@gated
 def two_point_correlation(voxels: Voxels, *, farthest: float | None = None) -> Correlation:
     """Return the two-point correlation of the solid phase, by Fourier transforms.
 

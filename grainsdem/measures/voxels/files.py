@@ -14,6 +14,7 @@ import numpy as np
 
 from grainsdem.atomic import replacing
 from grainsdem.errors import FileFormatError, InputError, MissingPackageError
+from grainsdem.gate import gated
 from grainsdem.geometry.raster.lattice import OUTSIDE, VOID, label_blocks
 from grainsdem.measures.voxels.labels import fit_lattice
 
@@ -51,6 +52,7 @@ class VoxelFile(NamedTuple):
     porosity: float
 
 
+@gated
 def write_voxels(
     packing: Packing,
     path: str | os.PathLike[str],

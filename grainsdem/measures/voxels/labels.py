@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.errors import InputError
+from grainsdem.gate import gated
 from grainsdem.geometry.clipping import box_planes
 from grainsdem.geometry.forms.sizes import grain_diameters
 from grainsdem.geometry.raster.lattice import OUTSIDE, VOID, Lattice, label_blocks
@@ -77,6 +78,7 @@ class Voxels(Noun):
         return 1 - int(np.count_nonzero(self.labels > VOID)) / inside
 
 
+@gated
 def voxelize(
     packing: Packing,
     *,

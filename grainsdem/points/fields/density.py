@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from grainsdem.errors import FileFormatError, InputError, ShapeError, name_offenders
+from grainsdem.gate import gated
 from grainsdem.points.files import load_array
 from grainsdem.points.poisson import check_count, place
 
@@ -30,6 +31,7 @@ MOST_TRIES = 1_000_000
 """Seeds in a row that fall where planes have cut the domain away, after which none is expected to fall inside."""
 
 
+@gated
 def from_density(
     domain: Domain,
     n: int,
@@ -94,6 +96,7 @@ def from_density(
     return np.concatenate(kept)
 
 
+@gated
 def read_density(path: str | os.PathLike[str]) -> NDArray[np.float64]:
     """Read an array of two or three axes for `from_density`.
 

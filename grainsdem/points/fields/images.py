@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from grainsdem.errors import FileFormatError, InputError, MissingFileError, MissingPackageError, ShapeError
+from grainsdem.gate import gated
 from grainsdem.points.fields.density import from_density
 from grainsdem.points.fields.tones import low_passed, spread, tone
 
@@ -42,6 +43,7 @@ LUMINANCE = (0.2126, 0.7152, 0.0722)
 """Shares of red, green and blue in grey, by ITU-R recommendation BT.709."""
 
 
+@gated
 def from_image(
     domain: Domain,
     n: int,
@@ -98,6 +100,7 @@ def from_image(
     return from_density(domain, n, density, along=along, rng=rng)
 
 
+@gated
 def image_density(
     image: Image,
     *,

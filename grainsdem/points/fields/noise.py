@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.errors import InputError, ShapeError
+from grainsdem.gate import gated
 from grainsdem.points.fields.density import from_density
 from grainsdem.points.fields.tones import spread, tone
 from grainsdem.points.poisson import check_count
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from grainsdem.model import Domain
 
 
+@gated
 def noise_field(
     shape: Sequence[int],
     beta: float,
@@ -87,6 +89,7 @@ def noise_field(
     return np.asarray(field / field.std(), dtype=np.float64)
 
 
+@gated
 def pink_noise(
     domain: Domain,
     n: int,

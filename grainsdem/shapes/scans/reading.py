@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from grainsdem.errors import FileFormatError, InputError, MissingFileError, ShapeError
+from grainsdem.gate import gated
 from grainsdem.geometry.forms.sizes import sphere_diameters
 from grainsdem.geometry.hulls import outline
 from grainsdem.geometry.integrals import volumes
@@ -83,6 +84,7 @@ class Scans(Noun):
         return len(self.shapes)
 
 
+@gated
 def read(
     path: str | os.PathLike[str],
     *,

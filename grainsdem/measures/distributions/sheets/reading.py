@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from grainsdem.errors import FileFormatError, InputError, MissingFileError
+from grainsdem.gate import gated
 from grainsdem.measures.distributions.sheets.sheet import WHOLE, SieveSheet, Unit, check_unit, opening
 from grainsdem.points import text
 
@@ -33,6 +34,7 @@ _KINDS: dict[str, Kind] = {
 _COARSER = r"coarser|cumulative.*retain|retain.*cumulative|oversize"
 
 
+@gated
 def read_sieves(path: str | os.PathLike[str], *, unit: Unit | None = None, kind: Kind | None = None) -> SieveSheet:
     """Read a sieve sheet: a column of openings, and one of what passes or is retained.
 

@@ -1,0 +1,253 @@
+"""Calls of every public function with arguments that it cannot take, from its own signature: a new name is covered."""
+
+from __future__ import annotations
+
+import contextlib
+import inspect
+import io
+import signal
+import types
+import warnings
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+import exporters
+import grainsdem as gd
+from grainsdem.errors import GrainsDEMError
+
+PATIENCE = 20
+"""Seconds after which a call counts as hung."""
+
+KINDS = {
+    "None": None,
+    "text": "abc",
+    "empty text": "",
+    "bytes": b"abc",
+    "true": True,
+    "complex": 1 + 2j,
+    "object": object(),
+    "list of None": [None, None],
+    "ragged": [[1.0, 2.0], [3.0]],
+    "list of text": ["a", "b"],
+    "mapping": {"a": 1},
+    "set": {1, 2},
+    "function": len,
+    "class": int,
+    "object array": np.array([None, 1], dtype=object),
+    "complex array": np.ones(3, dtype=complex),
+    "text array": np.array(["a", "b"]),
+    "digits": 10**4400,
+}
+"""Values of every kind."""
+
+NUMBERS = {
+    "nan": float("nan"),
+    "inf": float("inf"),
+    "-inf": float("-inf"),
+    "zero": 0,
+    "0.0": 0.0,
+    "-1": -1,
+    "-1.0": -1.0,
+    "half": 0.5,
+    "1e-308": 1e-308,
+    "1e308": 1e308,
+    "2**62": 2**62,
+    "10**22": 10**22,
+    "-2**63": -(2**63),
+    "float32": np.float32(0.3),
+    "int8": np.int8(3),
+    "decimal text": "1e308",
+}
+"""Numbers that are often out of range."""
+
+ARRAYS = {
+    "empty": np.empty(0),
+    "empty list": [],
+    "no rows": np.empty((0, 3)),
+    "no columns": np.empty((3, 0)),
+    "one": np.ones(1),
+    "nan rows": np.full((3, 3), np.nan),
+    "inf rows": np.full((3, 3), np.inf),
+    "huge": np.full((3, 3), 1e308),
+    "tiny": np.full((3, 3), 1e-308),
+    "alike": np.zeros((3, 3)),
+    "deep": np.zeros((2, 2, 2, 2)),
+    "scalar": np.float64(2.0),
+    "negative": -np.ones((3, 3)),
+    "bool": np.ones(3, dtype=bool),
+    "unsigned": np.full(3, 2**64 - 1, dtype=np.uint64),
+    "large ids": np.array([2**62, -(2**62), 0]),
+}
+"""Arrays of odd shapes and values."""
+
+BAD = {**KINDS, **NUMBERS, **ARRAYS}
+
+
+@cache
+def pool(folder):
+    """Return valid values by the name or the type of an argument; the folder is where paths lead."""
+    domain = gd.Domain.cube(3e-3)
+    seeds = gd.points.poisson(domain, 27, rng=1)
+    cells = gd.tessellate(seeds, domain)
+    packing = gd.shrink(gd.carve(cells, keep="all"), porosity=0.4)
+    graph = gd.contacts(packing, within=1e-4)
+    bed = Path(folder) / "bed.h5"
+    gd.save(packing, bed)
+    recipe = gd.recipe.make(domain={"side": 3e-3}, seeds={"count": 8}, grains={"porosity": 0.4, "keep": "all"})
+    view = gd.planform(packing, per_diameter=4)
+    voxels = gd.voxelize(packing, per_diameter=4)
+    return {
+        "packing": packing,
+        "Packing": packing,
+        "Grains": packing.grains,
+        "Polyhedra": packing.grains,
+        "Domain": domain,
+        "Tessellation": cells,
+        "ContactGraph": graph,
+        "seeds": seeds,
+        "points": seeds,
+        "Planform": view,
+        "Voxels": voxels,
+        "Section": gd.section(packing, z=1.5e-3),
+        "sections": gd.section(packing, z=1.5e-3),
+        "Recipe": recipe,
+        "Survey": gd.survey.Survey({"seeds": {"count": 8}}, {"seeds.relax": [0, 1]}),
+        "path": Path(folder) / "out.csv",
+        "folder": Path(folder) / "out",
+        "int": 8,
+        "float": 0.3,
+        "str": "x",
+        "bool": True,
+        "shapes": gd.shapes.platonic("cube"),
+        "sizes": np.linspace(1e-3, 2e-3, 27),
+        "diameters": np.linspace(1e-3, 2e-3, 27),
+        "values": np.linspace(1.0, 2.0, 27),
+        "q": [16.0, 50.0, 84.0],
+        "bounds": np.array([1e-3, 2e-3, 4e-3, 8e-3]),
+        "counts": np.array([3, 9, 2]),
+        "weights": np.array([3.0, 9.0, 2.0]),
+        "axes": np.array([[3.0, 2.0, 1.0]]),
+        "directions": np.eye(3),
+        "tensor": np.eye(3) / 3,
+        "radii": np.array([1e-4, 5e-4]),
+        "rows": gd.table(packing),
+        "times": np.array([0.0, 1.0]),
+        "positions": np.stack([packing.positions] * 2),
+        "quaternions": np.stack([packing.quaternions] * 2),
+        "shape": (4, 4, 4),
+        "Shape": gd.Shape(0.7, 0.7),
+        "density": np.ones((3, 3, 3)),
+        "image": np.linspace(0, 1, 64).reshape(8, 8),
+        "curve": gd.Grading([1e-3, 2e-3, 3e-3], [0.0, 0.5, 1.0]),
+        "suffix": ".stl",
+        "word": "stl",
+        "text": "[seeds]\ncount = 8\n",
+        "rows of ids": np.array([0, 1]),
+        "distance": 1e-5,
+        "tolerance": 1e-3,
+        "gap": 1e-5,
+        "factor": 2.0,
+        "name": "x",
+        "items": ["seeds.count=1,2"],
+        "options": {},
+        "words": ["a=1"],
+        "relation": "cho_2006_max",
+        "original": packing,
+    }
+
+
+def functions():
+    """Return every public function by the name that users call it by."""
+    found = {}
+
+    def enter(module, prefix, depth):
+        for name in module.__all__:
+            value = getattr(module, name)
+            if isinstance(value, types.ModuleType):
+                if depth < 2 and hasattr(value, "__all__"):
+                    enter(value, f"{prefix}.{name}", depth + 1)
+            elif inspect.isfunction(value):
+                found.setdefault(value, f"{prefix}.{name}")
+
+    enter(gd, "gd", 0)
+    enter(exporters, "exporters", 0)
+    return {name: function for function, name in found.items()}
+
+
+def constructors():
+    """Return what makes public nouns: classes that are no errors, and their class methods."""
+    found = {}
+    for module, prefix in ((gd, "gd"), (gd.points, "gd.points"), (gd.survey, "gd.survey"), (gd.shapes, "gd.shapes")):
+        for name in module.__all__:
+            value = getattr(module, name)
+            if inspect.isclass(value) and not issubclass(value, Exception):
+                found.setdefault(value, f"{prefix}.{name}")
+    made = {}
+    for kind, name in found.items():
+        made[name] = kind
+        for method, _ in inspect.getmembers(kind, inspect.ismethod):
+            if not method.startswith("_"):
+                made[f"{name}.{method}"] = getattr(kind, method)
+    return made
+
+
+def valid(name, function, folder):
+    """Return arguments by name that a function should take, as far as the pool has them."""
+    from_pool = pool(folder)
+    given = {}
+    for parameter in inspect.signature(function).parameters.values():
+        if parameter.default is not parameter.empty or parameter.kind in (
+            parameter.VAR_KEYWORD,
+            parameter.VAR_POSITIONAL,
+        ):
+            continue
+        kind = str(parameter.annotation).removesuffix(" | None")
+        for key in (f"{name}.{parameter.name}", parameter.name, kind, kind.rpartition(".")[2].rstrip("'>")):
+            if key in from_pool:
+                given[parameter.name] = from_pool[key]
+                break
+    return given
+
+
+class HungError(Exception):
+    """A call took longer than anyone waits."""
+
+
+@contextlib.contextmanager
+def patience(seconds):
+    """Raise `HungError` in what takes longer."""
+
+    def ring(*_):
+        raise HungError
+
+    before = signal.signal(signal.SIGALRM, ring)
+    signal.alarm(seconds)
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def outcome(function, arguments, seconds=PATIENCE):
+    """Return nothing where a call has a result or an error of ours in one line, else what was wrong with it."""
+    told = io.StringIO()
+    with warnings.catch_warnings(record=True) as heard, contextlib.redirect_stderr(told):
+        warnings.simplefilter("always")
+        try:
+            with patience(seconds):
+                result = function(**arguments)
+                if inspect.isgenerator(result):
+                    next(result, None)
+        except GrainsDEMError as error:
+            text = str(error)
+            if "\n" in text or not text:
+                return f"{type(error).__name__} of {text.count(chr(10)) + 1} lines: {text[:80]!r}"
+        except HungError:
+            return f"hung for {seconds} s"
+        except BaseException as error:  # noqa: BLE001  (whatever it is, it is a finding)
+            return f"{type(error).__name__}: {str(error)[:120]}"
+    foreign = [str(one.message)[:80] for one in heard if not str(one.filename).endswith("fuzzing.py")]
+    return f"a warning from below: {foreign[0]}" if foreign else None
