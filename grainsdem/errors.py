@@ -86,6 +86,32 @@ class UnstableError(GrainsDEMError, RuntimeError):
         self.last_good = last_good
 
 
+_SHOWN = 60
+"""Characters of a value that an error repeats."""
+
+_REPEATED = (bool, str, bytes, int, float, complex, list, tuple, dict, set)
+"""What it repeats; of all else it tells the type."""
+
+
+def shown(value: object) -> str:
+    """Return a value as an error repeats it: short, and of one line.
+
+    Examples
+    --------
+    >>> shown("0.4"), shown([1, 2]), shown(10**5000), shown(object())
+    ("'0.4'", '[1, 2]', 'a number of thousands of digits', 'something of type object')
+    """
+    if getattr(value, "ndim", None) == 0 and hasattr(value, "item"):
+        value = value.item()
+    if value is not None and not isinstance(value, _REPEATED):
+        return f"something of type {type(value).__name__}"
+    try:
+        text = " ".join(repr(value).split())
+    except ValueError:  # Python turns no more than thousands of digits into text
+        return "a number of thousands of digits"
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}…"
+
+
 def name_offenders(ids: Iterable[Any], *, most: int = 5) -> str:
     """Return the first offenders as text, and how many more there are.
 

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from grainsdem.errors import ArgumentError, ShapeError
+from grainsdem.errors import ArgumentError, ShapeError, shown
 
 if TYPE_CHECKING:
     Function = TypeVar("Function", bound=Callable[..., Any])
@@ -28,13 +28,14 @@ if TYPE_CHECKING:
     Known = tuple[str, Check]
 
 NOUNS = {
+    "Chords": "Chords",
     "ContactGraph": "ContactGraph",
+    "Correlation": "Correlation",
     "Domain": "Domain",
     "Grading": "Grading",
     "Grains": "Packing or its Polyhedra",
     "Integrals": "Integrals of grains",
     "Metric": "Metric",
-    "Monitor": "Monitor",
     "Packing": "Packing",
     "Planform": "Planform",
     "Polyhedra": "Polyhedra",
@@ -53,11 +54,11 @@ NOUNS = {
 """Nouns that signatures name, and how an error names what is allowed. They are known by the names of their classes: the
 door stands below them all, and a module that names one for its types alone need not import it."""
 
+METHODS = {"Distribution": "cdf", "Law": "ppf"}
+"""What is anything that has a certain method, as frozen distributions of `scipy.stats` have."""
+
 MEMBERS = {"Grains": ("Packing", "Polyhedra")}
 """Names that stand for several nouns."""
-
-SHOWN = 60
-"""Characters of a value that an error repeats."""
 
 
 class _Unfit(Exception):  # noqa: N818  (caught here, always)
@@ -180,67 +181,61 @@ def _is_of(shape: tuple[int, ...], allowed: tuple[str, ...]) -> bool:
     )
 
 
-def shown(value: Any) -> str:
-    """Return a value as an error repeats it: short, of one line."""
-    if value is None or isinstance(value, bool | str | bytes | int | float | complex | np.generic):
-        try:
-            text = repr(value.item() if isinstance(value, np.generic) else value)
-        except ValueError:  # Python turns no more than thousands of digits into text
-            return "a whole number of thousands of digits"
-        return text if len(text) <= SHOWN else f"{text[:SHOWN]}…"
-    return f"something of type {type(value).__name__}"
-
-
 def checks_of(function: Callable[..., Any]) -> dict[str, Known]:
     """Return what is allowed of each argument in words, and the check; none where only the function can tell."""
     checks = {}
+    aliases = getattr(inspect.unwrap(function), "__globals__", {})
     for name, parameter in inspect.signature(function).parameters.items():
         if parameter.kind is parameter.VAR_KEYWORD:
             continue
-        known = _known(parameter.annotation)
+        known = _known(parameter.annotation, aliases)
         if known is not None:
             checks[name] = known
     return checks
 
 
-def _known(annotation: Any) -> Known | None:
+def _known(annotation: Any, aliases: Mapping[str, Any]) -> Known | None:
     """Return the check of an annotation, written out or not."""
-    text = annotation if isinstance(annotation, str) else getattr(annotation, "__name__", str(annotation))
+    text = annotation.__name__ if isinstance(annotation, type) else str(annotation)
     try:
-        return _PLAIN.get(text) or _read(ast.parse(text, mode="eval").body)
+        return _PLAIN.get(text) or _read(ast.parse(text, mode="eval").body, aliases)
     except SyntaxError:
         return None
 
 
-def _read(node: ast.expr) -> Known | None:
+def _read(node: ast.expr, aliases: Mapping[str, Any]) -> Known | None:
     """Return the check that a type stands for, or None where the door has none."""
     text = ast.unparse(node)
-    if text in _PLAIN:
-        return _PLAIN[text]
-    if text in NOUNS:
-        return _noun(text)
+    if text in _PLAIN or text in NOUNS or text in METHODS:
+        return _PLAIN.get(text) or _noun(text)
     if isinstance(node, ast.BinOp) and isinstance(node.op, ast.BitOr):
-        return _either(node)
+        return _either(node, aliases)
     if isinstance(node, ast.Subscript):
-        return _generic(ast.unparse(node.value).rpartition(".")[2], node.slice)
+        return _generic(ast.unparse(node.value).rpartition(".")[2], node.slice, aliases)
+    if isinstance(node, ast.Name) and node.id in aliases and not isinstance(aliases[node.id], type):
+        alias = aliases[node.id]
+        return _read(ast.parse(alias if isinstance(alias, str) else str(alias), mode="eval").body, {})
     return None
 
 
-def _generic(kind: str, inner: ast.expr) -> Known | None:
+def _generic(kind: str, inner: ast.expr, aliases: Mapping[str, Any]) -> Known | None:
     if kind == "Literal":
         values = [part.value for part in (inner.elts if isinstance(inner, ast.Tuple) else [inner])]  # type: ignore[attr-defined]
         allowed = ", ".join(map(repr, values[:-1])) + f" or {values[-1]!r}" if len(values) > 1 else repr(values[0])
         return allowed, _one_of(values)
-    if kind in ("Sequence", "Mapping", "Callable"):
+    if kind == "Sequence":
+        part = _read(inner, aliases)
+        return _PLAIN[kind] if part is None else _sequence_of(part)
+    if kind in ("Mapping", "Callable"):
         return _PLAIN[kind]
     if kind == "tuple" and isinstance(inner, ast.Tuple):
-        parts = [_read(part) for part in inner.elts]
+        parts = [_read(part, aliases) for part in inner.elts]
         if None not in parts and not any(isinstance(part, ast.Constant) for part in inner.elts):
             return _together(parts)  # type: ignore[arg-type]  # none of them is None
     return None
 
 
-def _either(node: ast.BinOp) -> Known | None:
+def _either(node: ast.BinOp, aliases: Mapping[str, Any]) -> Known | None:
     parts: list[ast.expr] = []
     rest: ast.expr = node
     while isinstance(rest, ast.BinOp):
@@ -251,7 +246,7 @@ def _either(node: ast.BinOp) -> Known | None:
         return _PLAIN["rng"]
     if "os.PathLike[str]" in map(ast.unparse, parts):  # a path may be text
         parts = [part for part in parts if ast.unparse(part) != "str"]
-    read = [_read(part) for part in parts]
+    read = [_read(part, aliases) for part in parts]
     if any(one is None for one in read):
         return None
     known = [one for one in read if one is not None]
@@ -273,6 +268,8 @@ def _either(node: ast.BinOp) -> Known | None:
 
 
 def _noun(name: str) -> Known:
+    if name in METHODS:
+        return "a law such as a frozen distribution of scipy.stats", _has(METHODS[name])
     members = MEMBERS.get(name, (name,))
     words = NOUNS[name]
 
@@ -356,6 +353,24 @@ def _sequence(value: Any) -> Any:
     if isinstance(value, Sequence | np.ndarray) and not isinstance(value, str | bytes):
         return value
     raise _Unfit
+
+
+def _sequence_of(part: Known) -> Known:
+    words, one = part
+
+    def check(value: Any) -> Any:
+        return [one(item) for item in _sequence(value)] if type(value) is not tuple else tuple(map(one, value))
+
+    return f"a sequence, each of {words}", check
+
+
+def _has(method: str) -> Check:
+    def check(value: Any) -> Any:
+        if callable(getattr(value, method, None)):
+            return value
+        raise _Unfit
+
+    return check
 
 
 def _function(value: Any) -> Any:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeVar, Union, ge
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, create_model
 
-from grainsdem.errors import InputError
+from grainsdem.errors import InputError, shown
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -371,5 +371,5 @@ def _explain(items: list[Any], table_at: Callable[[Sequence[Any]], type[BaseMode
         return f"{where}: missing"
     messages = [item["msg"].removeprefix("Value error, ").replace(" after validation", "") for item in items]
     message = ", or ".join([messages[0], *(text.removeprefix("Input should be ") for text in messages[1:])])
-    shown = f"; got {item['input']!r}" if not isinstance(item["input"], dict) else ""
-    return f"{where}: {message[0].lower()}{message[1:]}{shown}"
+    given = f"; got {shown(item['input'])}" if not isinstance(item["input"], dict) else ""
+    return f"{where}: {message[0].lower()}{message[1:]}{given}"

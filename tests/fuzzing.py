@@ -155,6 +155,18 @@ def pool(folder):
         "words": ["a=1"],
         "relation": "cho_2006_max",
         "original": packing,
+        "correlation": gd.two_point_correlation(voxels),
+        "chords": gd.chord_lengths(voxels),
+        "layers": [gd.Layer(gd.Grading([1e-3, 2e-3], [0.0, 1.0]))],
+        "experiment": gd.tilt,
+        "friction": 0.5,
+        "tell": print,
+        "grow": lambda *_: cells,
+        "history": {"time": np.arange(3.0), "energy": np.ones(3)},
+        "gd.figures.replay.history": bed,
+        "gd.load.path": bed,
+        "gd.load_moved.path": bed,
+        "exporters.read.path": bed,
     }
 
 

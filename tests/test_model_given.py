@@ -59,7 +59,7 @@ def test_what_is_measured_of_grains_is_the_same_of_a_packing_and_of_its_grains(n
     parts = zip(found, alone, strict=True) if isinstance(found, tuple) else [(found, alone)]
     for a, b in parts:
         np.testing.assert_array_equal(a, b)
-    with pytest.raises(InputError, match="of a packing or of its grains, Polyhedra; got ndarray"):
+    with pytest.raises(InputError, match="must be a Packing or its Polyhedra; got something of type ndarray"):
         measure(np.ones((4, 3)))
 
 
@@ -73,7 +73,7 @@ def test_what_needs_a_packing_says_so_where_it_is_given_the_grains_alone(name, c
         for p in inspect.signature(measure).parameters.values()
         if p.default is p.empty and p.kind is not p.VAR_KEYWORD
     }
-    with pytest.raises(InputError, match="of a packing, with its places, densities and domain; got Polyhedra alone"):
+    with pytest.raises(InputError, match="packing must be a Packing; got something of type Polyhedra"):
         measure(**words)
     assert list(tmp_path.iterdir()) == []
 

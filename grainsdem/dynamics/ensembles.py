@@ -27,7 +27,8 @@ if TYPE_CHECKING:
     from grainsdem.model import Packing
 
     Floats = NDArray[np.float64]
-    Through = Literal["auto", "batch", "processes"]
+
+Through = Literal["auto", "batch", "processes"]
 
 CONFIDENCE = 0.95
 """Of every interval: Student's, two-sided."""

@@ -12,7 +12,6 @@ from grainsdem.geometry.clipping import box_planes, solid_volume
 from grainsdem.geometry.forms.sizes import above_zero, grain_diameters
 from grainsdem.geometry.integrals import volumes
 from grainsdem.geometry.rotations import world_vertices
-from grainsdem.model.given import require_packing
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -52,7 +51,6 @@ def porosity(packing: Packing, *, region: Literal["cells", "domain"] | tuple[Arr
         If a grain's volume is not above zero, ``"cells"`` is asked for after the grains left their cells, the box is
         none, or it reaches out of a periodic axis.
     """
-    require_packing(packing)
     if isinstance(region, str):
         if region == "cells":
             return _of_cells(packing)
@@ -100,7 +98,6 @@ def core_box(packing: Packing, *, margin: float = 1.0) -> Box:
     nothing, and the box stays below all but the deepest pits. Wider columns would each find one of the highest grains
     of the surface, and put the surface where a bed is half empty already.
     """
-    require_packing(packing)
     if margin < 0:
         raise InputError(f"margin must be zero or more; got {margin}")
     if len(packing) == 0:

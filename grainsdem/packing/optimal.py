@@ -11,14 +11,13 @@ from grainsdem.errors import InputError
 from grainsdem.gate import gated
 from grainsdem.geometry.forms.sizes import grain_diameters, grain_sphericities, weighted_percentiles
 from grainsdem.geometry.integrals import integrate
-from grainsdem.packing.shrink import shrink
+from grainsdem.packing.shrink import About, Region, shrink
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from grainsdem.geometry.integrals import Integrals
     from grainsdem.model import Packing
-    from grainsdem.packing.shrink import About, Region
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
@@ -23,8 +23,9 @@ if TYPE_CHECKING:
     from grainsdem.model import Packing
 
     Floats = NDArray[np.float64]
-    About = Literal["centroid", "seed", "vertex_mean"]
-    Region = Literal["cells", "domain"] | tuple[ArrayLike, ArrayLike]
+
+About = Literal["centroid", "seed", "vertex_mean"]
+Region: TypeAlias = 'Literal["cells", "domain"] | tuple[ArrayLike, ArrayLike]'
 
 
 @gated

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from grainsdem.model import Packing
 
     Floats = NDArray[np.float64]
-    Strength = ArrayLike | Callable[[Floats], ArrayLike]
+
+Strength: TypeAlias = "ArrayLike | Callable[[Floats], ArrayLike]"
 
 _KEPT = 1e-9
 """Share of the slack that is never used, so that rounding cannot take a grain out of its cell."""

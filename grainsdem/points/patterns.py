@@ -18,6 +18,7 @@ import numpy as np
 
 from grainsdem.errors import InputError
 from grainsdem.gate import gated
+from grainsdem.memory import A_SEED, allow_memory
 from grainsdem.points.check import check_seeds
 
 if TYPE_CHECKING:
@@ -163,6 +164,7 @@ def describe(seeds: ArrayLike, domain: Domain, *, reach: float | None = None, sh
     """
     if shells < 1:
         raise InputError(f"there must be a shell or more; got {shells}")
+    allow_memory(shells, A_SEED, "shells")
     points = _checked(seeds, domain)
     nearest = _nearest(points, domain)
     d, intensity = _dimensions(domain), len(points) / _size(domain)

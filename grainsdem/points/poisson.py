@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from grainsdem.errors import InputError
+from grainsdem.errors import InputError, shown
 from grainsdem.gate import gated
+from grainsdem.memory import A_SEED, allow_memory
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -63,9 +64,10 @@ def uniform(domain: Domain, n: int, generator: np.random.Generator) -> NDArray[n
 
 
 def check_count(n: int) -> None:
-    """Raise `InputError` unless ``n`` is a count of at least one."""
+    """Raise `InputError` unless ``n`` is a count of at least one, and of no more seeds than there is memory for."""
     if n < 1:
-        raise InputError(f"the number of seeds must be 1 or more; got {n}")
+        raise InputError(f"the number of seeds must be 1 or more; got {shown(n)}")
+    allow_memory(n, A_SEED, "seeds")
 
 
 def place(unit: NDArray[np.float64], domain: Domain) -> NDArray[np.float64]:

@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from grainsdem.errors import InputError
+from grainsdem.errors import InputError, shown
 from grainsdem.gate import gated
+from grainsdem.memory import A_SEED, allow_memory
 from grainsdem.points.poisson import check_count, uniform
 
 if TYPE_CHECKING:
@@ -27,6 +28,9 @@ if TYPE_CHECKING:
 
 BATCH = 65_536
 """Candidates drawn at once, at most: what is drawn depends on nothing but the numbers asked for."""
+
+MOST_STEPS = 10**11
+"""Steps of a chain: some million are taken in a second."""
 
 LEAST_BATCH = 1024
 """Candidates drawn at once, at least."""
@@ -152,7 +156,7 @@ def strauss_process(
     if (n is None) == (intensity is None):
         raise InputError(f"Strauss's process takes either n or an intensity; got n = {n}, intensity = {intensity}")
     if sweeps < 1:
-        raise InputError(f"sweeps must be 1 or more; got {sweeps}")
+        raise InputError(f"sweeps must be 1 or more; got {shown(sweeps)}")
     generator = np.random.default_rng(rng)
     rule = _Rule(float(distance), float(inhibition), int(sweeps))
     if n is None:
@@ -200,6 +204,7 @@ def _with_intensity(
     if not (np.isfinite(intensity) and intensity > 0):
         raise InputError(f"the intensity must be finite and above 0; got {intensity}")
     activity = intensity * domain.volume / (domain.lengths[2] if domain.is_planar else 1.0)
+    allow_memory(activity, A_SEED, "seeds")
     grid = make_grid(domain, rule.distance, int(activity))
     points, links, n = np.empty((0, 3)), np.empty(0, dtype=np.int64), 0
     for size in _batches(rule.sweeps * max(1, int(np.ceil(activity)))):
@@ -228,7 +233,11 @@ def _most_near(chances: NDArray[np.float64], c: float) -> NDArray[np.int64]:
 
 
 def _batches(steps: int) -> list[int]:
-    """Return how many steps are taken at once, in turn."""
+    """Return how many steps are taken at once, in turn, or raise `InputError` where they would take days."""
+    if steps > MOST_STEPS:
+        raise InputError(
+            f"a chain of at most {MOST_STEPS:.0e} steps, a day's work, is followed; sweeps and seeds ask for {steps:.3g}"
+        )
     return [min(BATCH, steps - done) for done in range(0, steps, BATCH)]
 
 

@@ -19,8 +19,9 @@ if TYPE_CHECKING:
     from grainsdem.model import Domain, Tessellation
 
     Floats = NDArray[np.float64]
-    Density: TypeAlias = Callable[[Floats], ArrayLike] | ArrayLike
-    """Density at points, shape (m, 3) to (m,), or an array of voxels that fill the domain's box."""
+
+Density: TypeAlias = "Callable[[Floats], ArrayLike] | ArrayLike"
+"""Density at points, shape (m, 3) to (m,), or an array of voxels that fill the domain's box."""
 
 NODES = 0.1381966011250105
 """(5 - √5) / 20: the rule of four points that is exact for quadratics (Hammer and Stroud 1956)."""

@@ -18,7 +18,11 @@ from grainsdem.errors import InputError
 from grainsdem.gate import gated
 from grainsdem.geometry.ahead import compiled
 from grainsdem.points.check import check_seeds
-from grainsdem.tessellation.density import sampler, weighted_centroids
+from grainsdem.tessellation.density import (
+    Density,
+    sampler,
+    weighted_centroids,
+)
 from grainsdem.tessellation.engine.frame import Frame
 from grainsdem.tessellation.engine.light import moments
 from grainsdem.tessellation.engine.tree import build
@@ -30,7 +34,6 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from grainsdem.model import Domain
-    from grainsdem.tessellation.density import Density
 
     Floats = NDArray[np.float64]
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from grainsdem.errors import GrainsDEMError, InputError, ShapeError, name_offenders
 from grainsdem.gate import gated
+from grainsdem.memory import A_CELL, allow_memory
 from grainsdem.geometry.ahead import compiled
 from grainsdem.geometry.integrals import volumes
 from grainsdem.model import Polyhedra, Tessellation
@@ -73,6 +74,7 @@ def tessellate(seeds: ArrayLike, domain: Domain, *, weights: ArrayLike | None = 
     [-1, -3, -4, -5, -6, 1, -2, -3, -4, -5, -6, 0]
     """
     sites = check_seeds(seeds, domain)
+    allow_memory(len(sites), A_CELL, "cells")
     given = check_weights(weights, len(sites))
     frame = Frame.of(domain)
     # Only differences matter, and the largest difference from the mean is rounded least.

@@ -10,6 +10,7 @@ from grainsdem.errors import InputError
 from grainsdem.figures.frame import BLUE, GREY, INK, RED, check_suffix, drawing, length_unit, scale_sizes
 from grainsdem.gate import gated
 from grainsdem.measures.grains.sizes import diameters, masses, sieve_diameters
+from grainsdem.model.grading import Diameter, Distribution  # noqa: TC001  (read at the door: `grainsdem.gate`)
 
 if TYPE_CHECKING:
     import os
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
 
     from grainsdem.measures.distributions.sheets.sheet import SieveSheet
     from grainsdem.model import Packing
-    from grainsdem.model.grading import Diameter, Distribution
 
     Floats = NDArray[np.float64]
 

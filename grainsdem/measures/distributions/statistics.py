@@ -22,7 +22,6 @@ from grainsdem.geometry.forms.sizes import grain_diameters
 from grainsdem.geometry.integrals import volumes
 from grainsdem.measures.distributions.fits import FAMILIES, check_options, fit_sizes
 from grainsdem.measures.grains.sizes import percentiles, sieve_diameters
-from grainsdem.model.given import require_packing
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -220,7 +219,6 @@ def size_distribution(
     InputError
         If there is no grain, the diameter is unknown, or a planar bed is to be sieved.
     """
-    require_packing(packing)
     if diameter not in ("volume", "sieve"):
         raise InputError(f"diameter must be 'volume' or 'sieve'; got {diameter!r}")
     if not len(packing):

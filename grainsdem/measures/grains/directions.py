@@ -17,7 +17,6 @@ from grainsdem.gate import gated
 from grainsdem.geometry.integrals import integrate
 from grainsdem.geometry.principal import principal_inertia
 from grainsdem.geometry.rotations import multiply, to_matrices
-from grainsdem.model.given import require_packing
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -47,7 +46,6 @@ def principal_axes(packing: Packing, *, measured: Integrals | None = None) -> Fl
         Unit vectors: row k of grain i is axis k, a, b or c. They are axes of inertia; one and its opposite are the
         same, and of a grain as symmetric as a cube they are any.
     """
-    require_packing(packing)
     found = measured or integrate(packing.grains)
     _, turned = principal_inertia(found.inertias)
     matrices = to_matrices(multiply(packing.quaternions, turned))

@@ -14,7 +14,7 @@ from grainsdem.geometry.forms.sizes import above_zero, grain_diameters, weighted
 from grainsdem.geometry.integrals import volumes
 from grainsdem.geometry.rotations import world_vertices
 from grainsdem.model import Packing
-from grainsdem.model.given import grains_of, require_packing
+from grainsdem.model.given import grains_of
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -79,7 +79,6 @@ def masses(packing: Packing) -> NDArray[np.float64]:
     InputError
         If a grain's volume is not above zero, or grains are given without the packing that has their densities.
     """
-    require_packing(packing)
     return packing.densities * above_zero(volumes(packing))
 
 

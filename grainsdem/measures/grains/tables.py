@@ -16,7 +16,6 @@ from grainsdem.measures.grains.directions import principal_axes, trend_and_plung
 from grainsdem.measures.grains.shapes import box_axes, ellipsoid_axes, krumbein, roundness, zingg
 from grainsdem.measures.grains.sizes import percentiles, sieve_diameters
 from grainsdem.measures.porosity import core_box, porosity
-from grainsdem.model.given import require_packing
 from grainsdem.ragged import owners
 
 if TYPE_CHECKING:
@@ -74,7 +73,6 @@ def table(packing: Packing, *, sieves: bool = True) -> NDArray[np.void]:
     InputError
         If a grain's volume is not above zero: it is empty, or wound inside out.
     """
-    require_packing(packing)
     measured = integrate(packing.grains)
     columns: Columns = {"id": np.arange(len(packing), dtype=np.int32)}
     columns |= {axis: packing.positions[:, k] for k, axis in enumerate("xyz")}
@@ -115,7 +113,6 @@ def neighbor_table(packing: Packing) -> NDArray[np.void]:
     InputError
         If the packing has lost its cells, as one does that was shuffled or settled.
     """
-    require_packing(packing)
     if packing.links is None:
         raise InputError("the packing has lost the cells that it grew in, and with them its neighbours; see contacts")
     faces, i, j, distances = _across(packing, packing.links)
@@ -154,7 +151,6 @@ def summary(packing: Packing, graph: ContactGraph | None = None) -> dict[str, An
     ShapeError
         If the graph is of another number of grains.
     """
-    require_packing(packing)
     if len(packing) == 0:
         raise InputError("a summary needs at least one grain; the packing has none")
     if graph is not None and graph.n_grains != len(packing):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -22,8 +22,9 @@ if TYPE_CHECKING:
 
     from grainsdem.model import ContactGraph, Packing
 
-    Columns = Mapping[str, ArrayLike]
     Arrays = Mapping[str, NDArray[Any]]
+
+Columns: TypeAlias = "Mapping[str, ArrayLike]"
 
 COLUMNS = ("i", "j", "gap", "area", "nx", "ny", "nz", "x", "y", "z", "kind")
 

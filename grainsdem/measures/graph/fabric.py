@@ -16,7 +16,6 @@ import numpy as np
 
 from grainsdem.errors import InputError, ShapeError
 from grainsdem.gate import gated
-from grainsdem.model.given import require_packing
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -63,15 +62,30 @@ def fabric_tensor(directions: ArrayLike, *, weights: ArrayLike | None = None) ->
 
 
 @gated
-def anisotropy(tensor: Floats) -> float:
+def anisotropy(tensor: ArrayLike) -> float:
     """Return the amplitude of a fabric tensor's deviator: zero where directions are isotropic.
+
+    Parameters
+    ----------
+    tensor : array_like, shape (3, 3)
+        Such as `fabric_tensor` returns.
+
+    Raises
+    ------
+    ShapeError
+        If it is of another shape.
+    InputError
+        If it is not finite.
 
     Notes
     -----
     a = 5/2 √(3/2 D : D) with D the deviator. Where directions spread about one axis as
     (1 + a (3 cos² θ − 1)) / 4π, this is their a, and 5/2 (F₁ − F₃) (Azéma, Radjai and Saussine 2009).
     """
-    deviator = np.asarray(tensor) - np.trace(tensor) / 3 * np.eye(3)
+    tensor = np.asarray(tensor, dtype=np.float64)
+    if not np.isfinite(tensor).all():
+        raise InputError(f"the tensor must be finite; got {tensor.tolist()}")
+    deviator = tensor - np.trace(tensor) / 3 * np.eye(3)
     return float(2.5 * np.sqrt(1.5 * np.sum(deviator * deviator)))
 
 
@@ -86,7 +100,6 @@ def branch_vectors(graph: ContactGraph, packing: Packing) -> Floats:
     ShapeError
         If the graph is of another number of grains than the packing.
     """
-    require_packing(packing)
     if graph.n_grains != len(packing):
         raise ShapeError(f"the contacts must be those of the packing's {len(packing)} grains; got {graph.n_grains}")
     inner = graph.among_grains()

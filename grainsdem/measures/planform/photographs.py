@@ -12,7 +12,6 @@ from grainsdem.geometry.forms.sizes import grain_diameters
 from grainsdem.geometry.integrals import face_planes
 from grainsdem.geometry.raster.above import shadows, sky
 from grainsdem.geometry.raster.copies import turned_normals
-from grainsdem.model.given import require_packing
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -82,7 +81,6 @@ def photograph(
     the sky that the pixel sees above what is around it, n the normal of the face, l the unit vector to the light, and e
     one in its light, zero in the shadow of what is around it. The floor is drawn as a level face of mean reflectance.
     """
-    require_packing(packing)
     towards = _checked(light, ambient=ambient, brightness=brightness, variety=variety, blur=blur, noise=noise)
     if view.labels.max(initial=0) > len(packing) or view.faces.max(initial=0) >= max(packing.grains.n_faces, 1):
         raise InputError(

@@ -14,7 +14,6 @@ from grainsdem.geometry.raster.copies import turned_normals
 from grainsdem.geometry.rotations import to_matrices
 from grainsdem.measures.grains.shapes import ellipsoid_axes
 from grainsdem.measures.sections.tables import ellipse_axes
-from grainsdem.model.given import require_packing
 from grainsdem.ragged import sum_rows
 
 if TYPE_CHECKING:
@@ -71,7 +70,6 @@ def planform_table(view: Planform, packing: Packing) -> NDArray[np.void]:
     InputError
         If the packing is another than the view's.
     """
-    require_packing(packing)
     if view.labels.max(initial=0) > len(packing):
         raise InputError(
             f"the view must be of this packing of {len(packing)} grains; it shows grain {view.labels.max() - 1}"
@@ -126,7 +124,6 @@ def planform_bias(rows: NDArray[np.void], packing: Packing, *, least_pixels: int
     by mass from the volume, for grains that do not hide one another (Kellerhals and Bray 1971). What hides them makes
     up the rest of ``area_bias``.
     """
-    require_packing(packing)
     if rows["id"].max(initial=-1) >= len(packing):
         raise InputError(f"the table must be of this packing of {len(packing)} grains; it has grain {rows['id'].max()}")
     rows = rows[~rows["is_cut"] & (rows["n_pixels"] >= least_pixels)]

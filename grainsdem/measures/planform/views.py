@@ -12,7 +12,6 @@ from grainsdem.gate import gated
 from grainsdem.geometry.forms.sizes import grain_diameters
 from grainsdem.geometry.raster.above import look_down
 from grainsdem.model.arrays import Noun
-from grainsdem.model.given import require_packing
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -116,7 +115,6 @@ def planform(
     InputError
         If both sizes are given, one is not positive and finite, the region is none, or there would be too many pixels.
     """
-    require_packing(packing)
     domain = packing.domain
     lower, upper = (domain.lower[:2], domain.upper[:2]) if region is None else _corners(region)
     counts = _count(packing, upper - lower, pixel, per_diameter)

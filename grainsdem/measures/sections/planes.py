@@ -13,7 +13,6 @@ from grainsdem.geometry.clipping import box_planes
 from grainsdem.geometry.raster.copies import copies
 from grainsdem.geometry.raster.slicing import cut_polygons
 from grainsdem.model.arrays import Noun
-from grainsdem.model.given import require_packing
 from grainsdem.ragged import check_offsets
 
 if TYPE_CHECKING:
@@ -117,7 +116,6 @@ def section(
     -----
     A corner that lies in the plane counts as below it: of two grains whose shared face is in the plane, one is cut.
     """
-    require_packing(packing)
     domain = packing.domain
     return cut(packing, copies(packing, domain.lower, domain.upper), *find_plane({"x": x, "y": y, "z": z}, plane))
 

@@ -12,7 +12,6 @@ from grainsdem.geometry.bounds import boxes
 from grainsdem.geometry.raster.copies import copies
 from grainsdem.measures.sections.planes import cut, find_plane
 from grainsdem.measures.sections.tables import section_summary
-from grainsdem.model.given import require_packing
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -56,7 +55,6 @@ def section_profile(
     InputError
         If there is no grain, the axis is another, there is no level, or one misses the domain.
     """
-    require_packing(packing)
     if axis not in ("x", "y", "z"):
         raise InputError(f"axis must be 'x', 'y' or 'z'; got {axis!r}")
     if len(packing) == 0:

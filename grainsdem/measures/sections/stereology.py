@@ -12,7 +12,6 @@ from grainsdem.geometry.forms.sizes import above_zero
 from grainsdem.geometry.integrals import volumes
 from grainsdem.geometry.raster.slicing import mean_widths
 from grainsdem.geometry.rotations import world_vertices
-from grainsdem.model.given import require_packing
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -38,7 +37,6 @@ def widths(packing: Packing, direction: ArrayLike) -> Floats:
     InputError
         If the direction is not finite or has no length.
     """
-    require_packing(packing)
     unit = np.asarray(direction, dtype=np.float64)
     if unit.shape != (3,) or not np.isfinite(unit).all() or not unit.any():
         raise InputError(f"a direction is three finite numbers, not all zero; got {unit.tolist()}")
@@ -72,7 +70,6 @@ def expected_section(packing: Packing, *, normal: ArrayLike | None = None) -> di
     InputError
         If there is no grain, one's volume is not above zero, or the normal is none.
     """
-    require_packing(packing)
     if len(packing) == 0:
         raise InputError("sections need at least one grain; the packing has none")
     solid = float(above_zero(volumes(packing)).sum())

@@ -27,7 +27,6 @@ from grainsdem.geometry.raster.slicing import mean_widths
 from grainsdem.geometry.rotations import random_quaternions, to_matrices
 from grainsdem.measures.sections.planes import section
 from grainsdem.measures.sections.tables import section_table
-from grainsdem.model.given import require_packing
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -77,6 +76,7 @@ class SectionKernel:
         return cls(np.sqrt(1 - above[::-1] ** 2), 1.0)
 
     @classmethod
+    @gated
     def of(cls, packing: Packing, *, n_planes: int = 60, rng: np.random.Generator | int | None = 0) -> SectionKernel:
         """Return that of the grains of a bed, whatever their sizes, from planes at random.
 
@@ -94,7 +94,6 @@ class SectionKernel:
         InputError
             If the bed is planar, or planes meet fewer than 50 of its grains.
         """
-        require_packing(packing)
         if packing.domain.is_planar:
             raise InputError("prisms are cut to what they are: there is nothing to unfold in a planar bed")
         generator = np.random.default_rng(rng)

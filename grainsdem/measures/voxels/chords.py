@@ -19,7 +19,6 @@ from grainsdem.gate import gated
 from grainsdem.geometry.integrals import face_planes
 from grainsdem.geometry.raster.lattice import OUTSIDE, VOID
 from grainsdem.geometry.raster.lines import count_pairs, run_lengths
-from grainsdem.model.given import require_packing
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -110,7 +109,6 @@ def exact_specific_surface(packing: Packing) -> float:
     What `specific_surface` of voxels of the whole domain would be, were they fine enough. Where grains touch in faces,
     these count for both.
     """
-    require_packing(packing)
     planes = face_planes(packing.grains)
     areas = planes.areas
     if packing.domain.is_planar:

@@ -13,7 +13,6 @@ from grainsdem.geometry.clipping import box_planes
 from grainsdem.geometry.forms.sizes import grain_diameters
 from grainsdem.geometry.raster.lattice import OUTSIDE, VOID, Lattice, label_blocks
 from grainsdem.model.arrays import Noun
-from grainsdem.model.given import require_packing
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -142,7 +141,6 @@ def fit_lattice(
     region: tuple[ArrayLike, ArrayLike] | None,
 ) -> Lattice:
     """Return the voxels that fill a box; see `voxelize`."""
-    require_packing(packing)
     if size is not None and per_diameter is not None:
         raise InputError(f"give size or per_diameter, not both; got {size} and {per_diameter}")
     domain = packing.domain

@@ -11,13 +11,16 @@ from __future__ import annotations
 import os
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
 from grainsdem.errors import FileFormatError, InputError, MissingFileError, MissingPackageError, ShapeError
 from grainsdem.gate import gated
-from grainsdem.points.fields.density import from_density
+from grainsdem.points.fields.density import (
+    Axis,
+    from_density,
+)
 from grainsdem.points.fields.tones import low_passed, spread, tone
 
 if TYPE_CHECKING:
@@ -26,9 +29,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from grainsdem.model import Domain
-    from grainsdem.points.fields.density import Axis
 
-    Image = str | os.PathLike[str] | ArrayLike
+Image: TypeAlias = "str | os.PathLike[str] | ArrayLike"
 
 Light = Literal["coarse", "fine"]
 Region = tuple[int, int, int, int]

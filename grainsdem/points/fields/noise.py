@@ -8,12 +8,14 @@ References
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from grainsdem.errors import InputError, ShapeError
+from grainsdem.errors import InputError, ShapeError, shown
 from grainsdem.gate import gated
+from grainsdem.memory import A_VOXEL, allow_memory
 from grainsdem.points.fields.density import from_density
 from grainsdem.points.fields.tones import spread, tone
 from grainsdem.points.poisson import check_count
@@ -66,7 +68,8 @@ def noise_field(
     """
     from scipy.fft import irfftn, rfftn  # noqa: PLC0415  (a tenth of a second)
 
-    shape = tuple(int(size) for size in shape)
+    shape = tuple(shape)
+    allow_memory(math.prod(map(float, shape)), A_VOXEL, "voxels of a field")
     edges = np.asarray(shape if lengths is None else lengths, dtype=np.float64)
     if not 1 <= len(shape) <= 3 or min(shape) < 1 or np.prod(shape) < 2 or edges.shape != (len(shape),):
         raise ShapeError(
@@ -132,7 +135,8 @@ def pink_noise(
     """
     check_count(n)
     if resolution < 2:
-        raise InputError(f"resolution must be 2 voxels or more; got {resolution}")
+        raise InputError(f"resolution must be 2 voxels or more; got {shown(resolution)}")
+    allow_memory(float(min(resolution, 2**62)) ** (2 if domain.is_planar else 1), A_VOXEL, "voxels of a field")
     edges = domain.lengths[: 2 if domain.is_planar else 3]
     shape = np.maximum(1, np.rint(resolution * edges / edges.max())).astype(int)
     generator = np.random.default_rng(rng)
