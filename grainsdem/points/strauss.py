@@ -236,7 +236,7 @@ def _batches(steps: int) -> list[int]:
     """Return how many steps are taken at once, in turn, or raise `InputError` where they would take days."""
     if steps > MOST_STEPS:
         raise InputError(
-            f"a chain of at most {MOST_STEPS:.0e} steps, a day's work, is followed; sweeps and seeds ask for {steps:.3g}"
+            f"a chain of at most {MOST_STEPS:.0e} steps, a day of work, is followed; these are {steps:.3g}"
         )
     return [min(BATCH, steps - done) for done in range(0, steps, BATCH)]
 

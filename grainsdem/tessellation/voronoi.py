@@ -13,9 +13,9 @@ import numpy as np
 
 from grainsdem.errors import GrainsDEMError, InputError, ShapeError, name_offenders
 from grainsdem.gate import gated
-from grainsdem.memory import A_CELL, allow_memory
 from grainsdem.geometry.ahead import compiled
 from grainsdem.geometry.integrals import volumes
+from grainsdem.memory import A_CELL, allow_memory
 from grainsdem.model import Polyhedra, Tessellation
 from grainsdem.points.check import check_seeds
 from grainsdem.ragged import owners
