@@ -35,6 +35,7 @@ NOUNS = {
     "Grading": "Grading",
     "Grains": "Packing or its Polyhedra",
     "Integrals": "Integrals of grains",
+    "Layer": "Layer",
     "Metric": "Metric",
     "Packing": "Packing",
     "Planform": "Planform",

@@ -137,6 +137,7 @@ def pool(folder):
         "positions": np.stack([packing.positions] * 2),
         "quaternions": np.stack([packing.quaternions] * 2),
         "shape": (4, 4, 4),
+        "gd.shaped_cells.shape": gd.Shape(0.7, 0.7),
         "Shape": gd.Shape(0.7, 0.7),
         "density": np.ones((3, 3, 3)),
         "image": np.linspace(0, 1, 64).reshape(8, 8),

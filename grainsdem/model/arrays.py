@@ -12,6 +12,12 @@ from grainsdem.errors import ShapeError
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
+LONGEST = 1e30
+"""Length [m] above which nothing is: its fifth power, in moments of inertia, and the squares of these are numbers."""
+
+SHORTEST = 1e-30
+"""Length [m] below which nothing is, for the same reason."""
+
 
 def read_only(name: str, value: ArrayLike, dtype: type, shape: tuple[int | None, ...]) -> NDArray[Any]:
     """Return ``value`` as a read-only C-contiguous array of the given shape (None: any length)."""

@@ -9,12 +9,16 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from grainsdem.errors import InputError, name_offenders
-from grainsdem.model.arrays import Noun, read_only
+from grainsdem.model.arrays import LONGEST, SHORTEST, Noun, read_only
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     Floats = NDArray[np.float64]
+
+
+FLATTEST = 1e9
+"""Longest edge of a domain over its shortest: beyond that no search for neighbours ends."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,6 +59,12 @@ class Domain(Noun):
             raise InputError(
                 f"the domain's upper corner must lie above its lower corner along every axis, both finite; "
                 f"got {lower.tolist()} and {upper.tolist()}"
+            )
+        lengths = upper - lower
+        if not (lengths.min() >= SHORTEST and lengths.max() <= LONGEST and lengths.max() <= FLATTEST * lengths.min()):
+            raise InputError(
+                f"the domain's edges must be between {SHORTEST:g} and {LONGEST:g} m, the longest at most {FLATTEST:g} "
+                f"times the shortest; got {lengths.tolist()}"
             )
         planes = self.freeze("planes", np.float64, None, 4)
         volume = float(np.prod(upper - lower))

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from grainsdem.errors import ShapeError, name_offenders
-from grainsdem.model.arrays import Noun
+from grainsdem.errors import InputError, ShapeError, name_offenders
+from grainsdem.model.arrays import LONGEST, Noun
 from grainsdem.ragged import check_offsets
 
 if TYPE_CHECKING:
@@ -47,6 +47,11 @@ class Polyhedra(Noun):
 
     def __post_init__(self) -> None:
         vertices = self.freeze("vertices", np.float64, None, 3)
+        # Not a number is left to validation, which tells whose it is.
+        if vertices.size and (vertices.max() > LONGEST or vertices.min() < -LONGEST):
+            raise InputError(
+                f"vertices must lie within {LONGEST:g} m of the origin; got {vertices.min():g} to {vertices.max():g}"
+            )
         vertex_offsets = self.freeze("vertex_offsets", np.int64, None)
         face_offsets = self.freeze("face_offsets", np.int64, None)
         corners = self.freeze("face_vertices", np.int32, None)

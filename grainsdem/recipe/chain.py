@@ -180,6 +180,7 @@ def _settle(fresh: Packing, recipe: Recipe, folder: Path, monitor: Monitor) -> S
         return settle(fresh, **options, history_path=folder / "history.h5", progress=settling_words(tell))
 
 
+@gated
 @contextmanager
 def keeping_last_good(path: Path) -> Iterator[None]:
     """Save the last good state of a run that went wrong beside ``path``, and say so in its error."""

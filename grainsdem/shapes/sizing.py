@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from grainsdem.errors import InputError, ShapeError, name_offenders
+from grainsdem.errors import InputError, ShapeError, name_offenders, shown
 from grainsdem.gate import gated
 from grainsdem.geometry.forms.sizes import above_zero, sphere_diameters
 from grainsdem.geometry.integrals import integrate, volumes
 from grainsdem.model import Polyhedra
+from grainsdem.model.arrays import LONGEST, SHORTEST
 from grainsdem.ragged import offsets_from_counts, owners
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ def sized(shapes: Polyhedra, diameters: ArrayLike) -> Polyhedra:
     wanted = np.asarray(diameters, dtype=np.float64)
     if wanted.shape not in ((), (len(shapes),)):
         raise ShapeError(f"diameters must be one number, or one for each of {len(shapes)} shapes; got {wanted.shape}")
-    bad = np.flatnonzero(~(np.isfinite(wanted) & (wanted > 0)))
+    bad = np.flatnonzero(~((wanted >= SHORTEST) & (wanted <= LONGEST)))
     if bad.size:
         raise InputError(f"diameters must be positive and finite; {name_offenders(np.ravel(wanted)[bad])} are not")
     return scaled(shapes, np.broadcast_to(wanted, len(shapes)) / sphere_diameters(volumes(shapes)))
@@ -78,7 +79,7 @@ def together(*shapes: Polyhedra) -> Polyhedra:
 
 
 def check_positive(**values: float) -> None:
-    """Raise `InputError` unless all values are positive and finite numbers."""
+    """Raise `InputError` unless all values are lengths [m] that something can have."""
     for name, value in values.items():
-        if not (isinstance(value, int | float | np.number) and np.isfinite(value) and value > 0):
-            raise InputError(f"{name} must be positive and finite; got {value!r}")
+        if not SHORTEST <= value <= LONGEST:
+            raise InputError(f"{name} must be positive and finite, {SHORTEST:g} to {LONGEST:g} m; got {shown(value)}")
