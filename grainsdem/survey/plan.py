@@ -96,7 +96,7 @@ class Survey:
                 wanted = recipes.make(**tables)
             elif self.repeats > 1 or "rng" in case:
                 raise InputError(f"the beds of {_shown(case)} would be copies of one: {wanted.told_of_copies()}")
-            text = json.dumps(wanted.model_dump(mode="json", exclude={"name", "output"}), sort_keys=True)
+            text = json.dumps(wanted.model_dump(mode="json", exclude={"name", "images", "output"}), sort_keys=True)
             if text in known:
                 raise InputError(f"{_shown(known[text])} and {_shown(case)} are the same bed; vary something else")
             known[text] = case

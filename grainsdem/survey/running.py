@@ -2,31 +2,28 @@
 
 from __future__ import annotations
 
-import csv
 import hashlib
-import io
 import json
 import logging
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 import grainsdem
 from grainsdem import recipe as recipes
-from grainsdem.atomic import replacing
-from grainsdem.errors import FileFormatError, GrainsDEMError, InputError, MissingFileError
+from grainsdem.errors import FileFormatError, GrainsDEMError, InputError
 from grainsdem.geometry.forms.sizes import grain_diameters, grain_sphericities
 from grainsdem.geometry.integrals import integrate
 from grainsdem.measures import summary as summarize
 from grainsdem.packing.carve import unwarned
+from grainsdem.survey.rows import load, read_rows, text_of, write_rows
 from grainsdem.workers import share
 
 if TYPE_CHECKING:
     import os
     from collections.abc import Callable
 
+    import numpy as np
     from numpy.typing import NDArray
 
     from grainsdem.model import Packing
@@ -111,16 +108,16 @@ def run(
         for number, measured in share(measure, [jobs[k][2] for k in missing], workers=workers):
             case, repeat, recipe = jobs[missing[number]]
             first = [grainsdem.__version__, str(repeat), str(recipe.rng), marks[missing[number]]]
-            first += [_text(case[key]) for key in varied]
-            rows[missing[number]] = [*first, *map(_text, measured)]
+            first += [text_of(case[key]) for key in varied]
+            rows[missing[number]] = [*first, *map(text_of, measured)]
             done += 1
             if progress is not None:
                 progress(done, len(jobs))
             if time.monotonic() - written > PAUSE:
-                _write(path, header, rows)
+                write_rows(path, header, rows)
                 written = time.monotonic()
     finally:
-        _write(path, header, rows)
+        write_rows(path, header, rows)
     _tell_of_lost_sizes([recipe for _, _, recipe in jobs], header, rows)
     return load(path)
 
@@ -172,46 +169,11 @@ def _measures(bed: Packing) -> list[Any]:
     return [found[name] for name in MEASURES]
 
 
-def load(path: str | os.PathLike[str]) -> NDArray[np.void]:
-    """Return a survey's table as a structured array; numbers where a column has nothing else.
-
-    Raises
-    ------
-    MissingFileError
-        If there is no such file.
-    FileFormatError
-        If it holds no table.
-    """
-    path = Path(path)
-    if not path.is_file():
-        raise MissingFileError(f"{path}: no such file")
-    header, *rows = csv.reader(io.StringIO(path.read_text(encoding="utf-8-sig")))
-    if not rows or any(len(row) != len(header) for row in rows):
-        raise FileFormatError(f"{path}: not a survey's table")
-    columns = [_numbers(list(values)) for values in zip(*rows, strict=True)]
-    table = np.empty(len(rows), dtype=[(name, column.dtype) for name, column in zip(header, columns, strict=True)])
-    for name, column in zip(header, columns, strict=True):
-        table[name] = column
-    return table
-
-
-def _numbers(texts: list[str]) -> NDArray[Any]:
-    for kind in (np.int64, np.float64):
-        try:
-            return np.array(texts).astype(kind)
-        except ValueError:
-            continue
-    return np.array(texts)
-
-
 def _kept(path: Path, header: list[str], wanted: set[str]) -> dict[str, list[str]]:
     """Return the rows that a table holds, by their ``recipe``; those of beds that failed are tried again."""
     if not path.exists():
         return {}
-    try:
-        found, *rows = csv.reader(io.StringIO(path.read_text(encoding="utf-8-sig")))
-    except (ValueError, OSError, csv.Error):
-        found, rows = [], []
+    found, rows = read_rows(path)
     whole = [row for row in rows if len(row) == len(header)]
     foreign = [row for row in whole if row[0] != grainsdem.__version__ or row[3] not in wanted]
     if found != header or foreign:
@@ -220,18 +182,9 @@ def _kept(path: Path, header: list[str], wanted: set[str]) -> dict[str, list[str
     return {row[3]: row for row in whole if not row[-1]}
 
 
-def _write(path: Path, header: list[str], rows: list[list[str] | None]) -> None:
-    text = io.StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows(row for row in rows if row is not None)
-    with replacing(path) as temporary:
-        temporary.write_text(text.getvalue(), encoding="utf-8", newline="")
-
-
 def _mark(recipe: Recipe) -> str:
     """Return a word that stands for all that a bed is grown from, its rng included."""
-    text = json.dumps(recipe.model_dump(mode="json", exclude={"name", "output"}), sort_keys=True)
+    text = json.dumps(recipe.model_dump(mode="json", exclude={"name", "images", "output"}), sort_keys=True)
     return (
         f"r{hashlib.sha256(text.encode()).hexdigest()[:12]}"  # a letter first, so that no reader takes it for a number
     )
@@ -239,7 +192,3 @@ def _mark(recipe: Recipe) -> str:
 
 def _column(key: str) -> str:
     return key.replace(".", "_")
-
-
-def _text(value: Any) -> str:
-    return repr(value) if isinstance(value, float) else json.dumps(value) if isinstance(value, list) else str(value)

@@ -55,9 +55,14 @@ def _gentle(gradient: tuple[float, float]) -> tuple[float, float]:
     return gradient
 
 
+def _unfolded(lens: tuple[float, float]) -> tuple[float, float]:
+    Lens(*lens, (1, 1))
+    return lens
+
+
 Direction = Annotated[tuple[float, float, float], BeforeValidator(_vector), AfterValidator(_above_horizon)]
 Gradient = Annotated[tuple[float, float], BeforeValidator(_vector), AfterValidator(_gentle)]
-Distortion = Annotated[tuple[float, float], BeforeValidator(_vector)]
+Distortion = Annotated[tuple[float, float], BeforeValidator(_vector), AfterValidator(_unfolded)]
 Row = tuple[float, float, float, float]
 Colors = Annotated[str | Mapping[str, float] | tuple[Row, ...] | None, BeforeValidator(mixture)]
 

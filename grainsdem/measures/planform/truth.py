@@ -80,9 +80,7 @@ def planform_table(view: Planform, packing: Packing) -> NDArray[np.void]:
     rows = np.zeros(ids.size, dtype=COLUMNS)
     rows["id"], rows["n_pixels"], rows["is_cut"] = ids, counts[ids], at_border[ids]
     rows["visible_area"] = counts[ids] * view.pixel.prod()
-    planes = face_planes(packing.grains)
-    upward = np.maximum(turned_normals(packing, planes.normals)[:, 2], 0.0) * planes.areas
-    rows["projected_area"] = sum_rows(upward, packing.grains.face_offsets)[ids]
+    rows["projected_area"] = projected_areas(packing)[ids]
     rows["visible_share"] = rows["visible_area"] / rows["projected_area"]
     rows["apparent_diameter"] = np.sqrt(4 / np.pi * rows["visible_area"])
     rows["apparent_a"], rows["apparent_b"] = ellipse_axes(*moments[ids].T)
@@ -147,6 +145,13 @@ def planform_bias(rows: NDArray[np.void], packing: Packing, *, least_pixels: int
     for name, values in columns.items():
         result[name] = values
     return result
+
+
+def projected_areas(packing: Packing) -> Floats:
+    """Return the area [m²] of each grain's outline from above, whatever hides it, shape (n,)."""
+    planes = face_planes(packing.grains)
+    upward = np.maximum(turned_normals(packing, planes.normals)[:, 2], 0.0) * planes.areas
+    return np.asarray(sum_rows(upward, packing.grains.face_offsets))
 
 
 def _visible(view: Planform, packing: Packing) -> tuple[NDArray[np.int64], Floats, NDArray[np.bool_]]:

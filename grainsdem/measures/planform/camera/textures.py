@@ -38,8 +38,8 @@ def texture(view: Planform, packing: Packing, *, size: float, bands: float, seed
 
     Notes
     -----
-    √(2 / K) Σ cos(k · q + φ) over K waves, q from the grain's centroid in its own frame; wavelengths in the octave around
-    the size, phases and directions by a hash. The waves of speckles go in all directions, those of bands in one.
+    √(2 / K) Σ cos(k · q + φ) over K waves, q from the grain's centroid in its frame; wavelengths in an octave about the
+    size, phases and directions by a hash. The waves of speckles go in all directions, those of bands in one.
     """
     row, column = np.nonzero(view.labels)
     ids, which = np.unique(view.labels[row, column] - 1, return_inverse=True)
