@@ -57,7 +57,7 @@ def contact_sheet(
     from matplotlib.image import imread
 
     rows = ceil(len(pictures) / columns)
-    with drawing(target, (1.9 * columns, (1.9 + 0.2 * (titles is not None)) * rows), dpi=130) as figure:
+    with drawing(target, (1.6 * columns, (1.6 + 0.2 * (titles is not None)) * rows), dpi=130) as figure:
         for k, picture in enumerate(pictures):
             axes = figure.add_subplot(rows, columns, k + 1)
             axes.imshow(imread(str(picture)), cmap="gray", vmin=0, vmax=1)

@@ -23,7 +23,7 @@ class Stone(NamedTuple):
     color : tuple of float
         Mean red, green and blue, in [0, 1].
     spread : float
-        Standard deviation of the logarithm of how bright grains are; a quarter of it is that of each colour besides.
+        Standard deviation of the logarithm of how bright grains are; an eighth of it is that of each colour besides.
     """
 
     color: tuple[float, float, float]
@@ -48,7 +48,7 @@ STONES = {
 }
 """Colours of dry surfaces, chosen by eye to be typical of hand specimens; they are not measured."""
 
-HUE = 0.25
+HUE = 0.125
 """Spread of each colour by itself over that of all three together: stones differ more in how bright they are."""
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
