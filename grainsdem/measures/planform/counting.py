@@ -10,6 +10,7 @@ from grainsdem.errors import InputError
 from grainsdem.geometry.forms.sizes import weighted_percentiles
 from grainsdem.geometry.integrals import integrate
 from grainsdem.measures.planform.truth import planform_table, projected_areas, true_sizes
+from grainsdem.model.given import require_packing
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -75,6 +76,7 @@ def pebble_count(
     Wolman, M. G. (1954). A method of sampling coarse river-bed material. Eos 35, 951-956.
     Kellerhals, R. and Bray, D. I. (1971). Sampling procedures for coarse fluvial sediments. J. Hydraul. Div. 97, 1165.
     """
+    require_packing(packing)
     if isinstance(stones, bool) or not isinstance(stones, int | np.integer) or stones < 1:
         raise InputError(f"stones must be a whole number, 1 or more; got {stones!r}")
     rows = planform_table(view, packing) if rows is None else rows
@@ -122,6 +124,7 @@ def size_percentiles(
         them, by number, visible area and the grains' mass; ``d50_counted``, true axes of the stones counted, and
         ``d50_counted_apparent``, apparent ones of those that the border does not cut. NaN where there is none.
     """
+    require_packing(packing)
     measured = integrate(packing.grains)
     masses = measured.volumes * packing.densities
     whole = rows[~rows["is_cut"] & (rows["n_pixels"] >= least_pixels)]
