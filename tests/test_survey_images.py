@@ -188,6 +188,27 @@ def test_numbers_are_drawn_from_their_ranges_and_no_key_moves_anothers(whole):
         assert {key for key in one if one[key] != two[key]} <= {"blur", "wet", "light", "colors"}
 
 
+def test_keys_of_the_recipe_are_varied_from_bed_to_bed(tmp_path):
+    vary = {"grains": {"median_diameter": [0.01, 0.03], "about": ["centroid", "seed"]}, "seeds.count": [50, 70]}
+    made = recipe(vary=vary)
+    rows = gd.images(made, tmp_path / "set", count=6, workers=1)
+    assert (rows["error"] == "").all()
+    for name in ("grains_median_diameter", "seeds_count", "d50_bed_by_mass"):
+        assert np.unique(rows[name]).size == 3  # two of each bed
+    assert set(rows["grains_about"]) <= {"centroid", "seed"}
+    np.testing.assert_array_equal(rows["n_grains"], rows["seeds_count"])
+    values = {key: rows[key.replace(".", "_")][4].item() for key in made.images.vary}
+    own = gd.recipe.varied(gd.recipe.make(**{**BASE, "rng": int(rows["bed_rng"][4])}), values)
+    bed = gd.recipe.grow(own)
+    assert gd.percentiles(gd.diameters(bed), (50,), weights=gd.masses(bed))[0] == pytest.approx(
+        values["grains.median_diameter"]
+    )
+    b = gd.ellipsoid_axes(bed.grains)[:, 1]
+    assert rows["d50_bed_by_number"][4] == pytest.approx(np.percentile(b, 50, method="hazen"), rel=1e-12)
+    drawn = [made.images.draw_bed(np.random.default_rng(k))["seeds.count"] for k in range(300)]
+    assert (min(drawn), max(drawn)) == (50, 70)
+
+
 def test_a_share_of_the_photographs_is_shaded():
     table = ImagesTable(shadow=[0.2, 0.6], shaded=0.25)
     drawn = [table.draw(np.random.default_rng(k)).camera["shadow"] for k in range(400)]
@@ -267,6 +288,9 @@ def test_beds_without_chance_are_photographed_as_one(tmp_path):
         ({"size": [0, 512]}, "images.size.0: .*greater than or equal to 1"),
         ({"formats": []}, "images.formats"),
         ({"per_bed": 0}, "images.per_bed"),
+        ({"vary": {"seeds.count": 50}}, r"each key has a range \[low, high\] of numbers, or a list of values"),
+        ({"vary": {"seeds.count": []}}, r"each key has a range \[low, high\] of numbers, or a list of values"),
+        ({"vary": {"seeds.count": [70, 50]}}, "from its lower to its upper end; seeds.count does not"),
         ({"haze": 1}, "images.haze: unknown key; allowed are size, pixel, .*, noise"),
         ({"noise": float("nan")}, "images.noise: .*finite"),
     ],
@@ -294,6 +318,13 @@ def test_folders_of_something_else_are_left_alone(whole, tmp_path):
     for count in (0, -1, 2.0, True):
         with pytest.raises(InputError, match="count must be a whole number, 1 or more"):
             gd.images(recipe(), tmp_path / "new", count=count)
+    for vary, words in (
+        ({"rng": [1, 2]}, r"images\.vary: rng is no part of a bed"),
+        ({"seeds.colour": [1, 2]}, r"seeds\.colour: unknown key"),
+        ({"seeds.count": [0, 9]}, r"seeds\.count: .*greater than or equal to 1"),
+    ):
+        with pytest.raises(InputError, match=words):
+            gd.images(recipe(vary=vary), tmp_path / "new", count=1)
     loose = gd.recipe.make(grains={"shapes": {"kinds": [{"shape": "rock"}], "count": 20, "diameter": 0.01}})
     with pytest.raises(InputError, match="laid out loose, and no bed to photograph: add a settle table"):
         gd.images(loose, tmp_path / "new", count=1)

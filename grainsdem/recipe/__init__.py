@@ -1,8 +1,9 @@
 """A bed described in a TOML file, read into a typed model, and the chain that makes it."""
 
 from grainsdem.recipe.chain import Result, come_to_rest, keeping_last_good, run
+from grainsdem.recipe.changing import varied, with_images
 from grainsdem.recipe.growing import grow
-from grainsdem.recipe.tables import EXAMPLE, Recipe, make, parse, read, with_images
+from grainsdem.recipe.tables import EXAMPLE, Recipe, make, parse, read
 from grainsdem.recipe.words import Monitor, Silent, counting_words, settling_words, throat_widths_told
 
 __all__ = [
@@ -21,5 +22,6 @@ __all__ = [
     "run",
     "settling_words",
     "throat_widths_told",
+    "varied",
     "with_images",
 ]

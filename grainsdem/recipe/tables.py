@@ -318,22 +318,6 @@ def make(**tables: Any) -> Recipe:
         raise InputError(explained(error, _table_at)) from error
 
 
-def with_images(recipe: Recipe, **changes: Any) -> Recipe:
-    """Return a recipe whose table of images has other values for some keys.
-
-    Raises
-    ------
-    InputError
-        If a key is unknown or a value out of range; the message says what is allowed.
-    """
-    given = {} if recipe.images is None else recipe.images.model_dump(exclude_unset=True)
-    try:
-        table = ImagesTable.model_validate({**given, **changes})
-    except ValidationError as error:
-        raise InputError(f"images: {explained(error, lambda _path: ImagesTable)}") from error
-    return recipe.model_copy(update={"images": table})
-
-
 def _table_at(path: Sequence[Any]) -> type[BaseModel]:
     """Return the model that keys lead to, such as ``("grains", "throats")``."""
     found: type[BaseModel] = recipe_model()

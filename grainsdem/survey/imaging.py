@@ -13,6 +13,8 @@ from grainsdem.atomic import replacing
 from grainsdem.errors import InputError, WriteError
 from grainsdem.measures import write_table
 from grainsdem.measures.planform.counting import names_of_percentiles
+from grainsdem.recipe import varied
+from grainsdem.recipe.base import flat
 from grainsdem.recipe.views import ImagesTable
 from grainsdem.survey.picturing import Picture, Sitting, columns, files_of, seed_of, take
 from grainsdem.survey.rows import load, read_rows, text_of, write_rows
@@ -32,6 +34,9 @@ _LOG = logging.getLogger(__name__)
 
 FIRST = ("file", "image", "bed", "bed_rng", "rng")
 """Columns that every row has, also that of a photograph that could not be taken."""
+
+_FIXED = ("rng", "name", "images", "output", "voxels", "section", "planform")
+"""Keys of a recipe that do not change a bed, or that each bed has of its own."""
 
 TRUTH, ABOUT = "truth.csv", "images.json"
 """The table of a set, and what says of which set a folder's images are."""
@@ -87,7 +92,7 @@ def images(
     if isinstance(count, bool) or not isinstance(count, int) or count < 1:
         raise InputError(f"count must be a whole number, 1 or more; got {count!r}")
     table, bare = recipe.images or ImagesTable(), recipe.model_copy(update={"images": None})
-    _refuse_copies(bare, count, table.per_bed)
+    _refuse_copies(bare, count, table)
     place = _begun(Path(folder), bare, table)
     header = [*FIRST, *columns(table, names_of_percentiles()), "error"]
     rows = _kept(place, header, table)
@@ -119,14 +124,18 @@ def images(
     return found
 
 
-def _refuse_copies(recipe: Recipe, count: int, per_bed: int) -> None:
-    """Raise `InputError` where several beds would be the same, or grains hang in the air."""
+def _refuse_copies(recipe: Recipe, count: int, table: ImagesTable) -> None:
+    """Raise `InputError` where several beds would be the same, grains hang in the air, or what is varied cannot be."""
+    for key, values in table.vary.items():
+        if key in _FIXED or key.split(".")[0] in _FIXED:
+            raise InputError(f"images.vary: {key} is no part of a bed; leave it out")
+        varied(recipe.model_copy(update={"rng": 0}), {key: values[0]})
     if recipe.grains.shapes is not None and recipe.settle is None:
         raise InputError("grains of shapes are laid out loose, and no bed to photograph: add a settle table")
-    if count > per_bed and not recipe.has_chance and recipe.settle is None:
+    if count > table.per_bed and not table.vary and not recipe.has_chance and recipe.settle is None:
         raise InputError(
-            f"the beds of {count} photographs, {per_bed} of each, would be copies of one: {recipe.told_of_copies()}, "
-            f"or take all of one bed, per_bed = {count}"
+            f"the beds of {count} photographs, {table.per_bed} of each, would be copies of one: "
+            f"{recipe.told_of_copies()}, or take all of one bed, per_bed = {count}"
         )
 
 
@@ -137,10 +146,8 @@ def _sittings(recipe: Recipe, table: ImagesTable, folder: Path, missing: list[in
     for number in missing:
         bed = (number - 1) // table.per_bed + 1
         pictures.setdefault(bed, []).append(Picture(number, seed_of(text, "image", str(number))))
-    has_chance = recipe.has_chance or recipe.settle is not None
     for bed, those in pictures.items():
-        rng = seed_of(text, "bed", str(bed)) if has_chance else recipe.rng
-        yield Sitting(recipe.model_copy(update={"rng": rng}), table, bed, tuple(those), folder)
+        yield Sitting(recipe, table, bed, seed_of(text, "bed", str(bed)), tuple(those), folder)
 
 
 def _begun(folder: Path, recipe: Recipe, table: ImagesTable) -> Path:
@@ -173,16 +180,9 @@ def _differing(found: Any, about: dict[str, Any]) -> str:
     """Return which keys of two descriptions differ, in words."""
     if not isinstance(found, dict):
         return f"its {ABOUT} cannot be read"
-    flat, other = _flat(found), _flat(about)
-    keys = [key for key in {**flat, **other} if flat.get(key) != other.get(key)]
-    return f"{keys[0]} was {flat.get(keys[0])!r} and is {other.get(keys[0])!r}: give another folder"
-
-
-def _flat(tables: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-    flat: dict[str, Any] = {}
-    for key, value in tables.items():
-        flat |= _flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": value}
-    return flat
+    before, now = flat(found), flat(about)
+    key = next(key for key in {**before, **now} if before.get(key) != now.get(key))
+    return f"{key} was {before.get(key)!r} and is {now.get(key)!r}: give another folder"
 
 
 def _kept(folder: Path, header: list[str], table: ImagesTable) -> dict[str, list[str]]:

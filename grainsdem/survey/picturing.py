@@ -56,11 +56,13 @@ class Sitting(NamedTuple):
     Parameters
     ----------
     recipe : Recipe
-        Of the bed; its rng is the bed's own.
+        Of all beds.
     table : ImagesTable
         What the photographs are drawn from.
     bed : int
         Number of the bed, from 1.
+    rng : int
+        Seed of the bed and of what is varied.
     pictures : tuple of Picture
         Those that are missing.
     folder : Path
@@ -70,6 +72,7 @@ class Sitting(NamedTuple):
     recipe: Recipe
     table: ImagesTable
     bed: int
+    rng: int
     pictures: tuple[Picture, ...]
     folder: Path
 
@@ -99,19 +102,22 @@ def take(sitting: Sitting) -> list[Row]:
     WriteError
         If a file cannot be written: what cannot be written now cannot be later.
     """
+    rng = sitting.rng
     try:
+        own = _recipe_of(sitting)
+        rng = own.rng
         with unwarned():  # told of many beds, one line each, nobody would read it
-            bed = recipes.grow(sitting.recipe)
-            if sitting.recipe.settle is not None:
-                bed = recipes.come_to_rest(bed, sitting.recipe).packing
+            bed = recipes.grow(own)
+            if own.settle is not None:
+                bed = recipes.come_to_rest(bed, own).packing
         share = summary(bed)["porosity"]  # of the cells, or where grains have left them of a box inside the bed
     except WriteError:
         raise
     except GrainsDEMError as error:
-        return [{**_known(sitting, picture), "error": _line(error)} for picture in sitting.pictures]
+        return [{**_known(sitting, picture, rng), "error": _line(error)} for picture in sitting.pictures]
     rows = []
     for picture in sitting.pictures:
-        row = _known(sitting, picture)
+        row = _known(sitting, picture, rng)
         try:
             rows.append(
                 {
@@ -128,14 +134,26 @@ def take(sitting: Sitting) -> list[Row]:
     return rows
 
 
-def _known(sitting: Sitting, picture: Picture) -> Row:
+def _recipe_of(sitting: Sitting) -> Recipe:
+    """Return the recipe of a bed; its rng is zero where there is no chance in it."""
+    changes = _changes(sitting)
+    own = recipes.varied(sitting.recipe.model_copy(update={"rng": 0}), changes) if changes else sitting.recipe
+    return own.model_copy(update={"rng": sitting.rng if own.has_chance or own.settle is not None else 0})
+
+
+def _changes(sitting: Sitting) -> Row:
+    return sitting.table.draw_bed(np.random.default_rng(sitting.rng))
+
+
+def _known(sitting: Sitting, picture: Picture, rng: int) -> Row:
     """Return what a row has whether or not the photograph can be taken."""
     return {
         "file": files_of(picture, sitting.table)[0],
         "image": picture.number,
         "bed": sitting.bed,
-        "bed_rng": sitting.recipe.rng,
+        "bed_rng": rng,
         "rng": picture.rng,
+        **{key.replace(".", "_"): value for key, value in _changes(sitting).items()},
     }
 
 
@@ -204,7 +222,8 @@ def told(drawn: Draw) -> Row:
 
 def columns(table: ImagesTable, percentiles: Sequence[str]) -> list[str]:
     """Return the columns of the table of truth between the first and the last."""
-    names = ["width", "height", "scale", "lower_x", "lower_y", *told(table.draw(np.random.default_rng(0)))]
+    names = [key.replace(".", "_") for key in table.vary]
+    names += ["width", "height", "scale", "lower_x", "lower_y", *told(table.draw(np.random.default_rng(0)))]
     return [*names, "porosity", "n_grains", "n_seen", "n_whole", "n_counted", *percentiles]
 
 

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from grainsdem import recipe as recipes
 from grainsdem.errors import FileFormatError, InputError, MissingFileError, name_offenders
+from grainsdem.recipe.base import flat
+from grainsdem.recipe.changing import put
 
 if TYPE_CHECKING:
     import os
@@ -119,7 +121,7 @@ class Survey:
             case = dict(zip(self.vary, values, strict=True))
             tables = copy.deepcopy(dict(self.base))
             for key, value in case.items():
-                _put(tables, key, value)
+                put(tables, key, value)
             foreign = _of_other_processes(case, tables)
             case |= dict.fromkeys(foreign, math.nan)
             cases.setdefault(repr(case) if foreign else str(number), (case, tables))
@@ -160,7 +162,7 @@ def read(
     if not isinstance(plan, dict) or not set(plan) <= {"vary", "combine", "repeats"}:
         raise InputError(f"{path}: the survey table takes vary, combine and repeats; got {plan!r}")
     _find_beside(path.parent, tables)
-    varied = {**_flat(plan.get("vary", {})), **(vary or {})}
+    varied = {**flat(plan.get("vary", {})), **(vary or {})}
     return Survey(tables, varied, plan.get("combine", "product"), repeats or plan.get("repeats", 1))
 
 
@@ -214,21 +216,3 @@ def _of_other_processes(case: Mapping[str, Any], tables: Mapping[str, Any]) -> l
 def _shown(case: Mapping[str, Any]) -> str:
     """Return the values of a case as text."""
     return ", ".join(f"{key} = {value}" for key, value in case.items()) or "the recipe"
-
-
-def _flat(tables: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Return nested tables as one, its keys joined by dots: TOML reads an unquoted ``seeds.count`` as a table."""
-    flat: dict[str, Any] = {}
-    for key, value in tables.items():
-        flat |= _flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": value}
-    return flat
-
-
-def _put(tables: dict[str, Any], key: str, value: Any) -> None:
-    """Set a value that is named by its path, such as ``seeds.count``."""
-    *folders, last = key.split(".")
-    for name in folders:
-        tables = tables.setdefault(name, {})
-        if not isinstance(tables, dict):
-            raise InputError(f"{key} cannot be varied: {name} is no table")
-    tables[last] = value

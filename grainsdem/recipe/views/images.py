@@ -20,7 +20,7 @@ from pydantic import (
 from grainsdem.measures.planform.camera.colors import mixture
 from grainsdem.measures.planform.photographs import camera_options
 from grainsdem.options import checked
-from grainsdem.recipe.base import Positive, Table
+from grainsdem.recipe.base import Positive, Table, flat
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -69,6 +69,21 @@ Row = tuple[float, float, float, float]
 Mixture = dict[str, float] | tuple[Row, ...]
 
 
+def _varied(given: Any) -> Any:
+    """Return what is varied by its path, or raise where a key has neither a range nor a list of values."""
+    keys = flat(given) if isinstance(given, dict) else None
+    if keys is None or any(not isinstance(values, list | tuple) or not values for values in keys.values()):
+        raise ValueError("each key has a range [low, high] of numbers, or a list of values that are drawn from")
+    upside_down = [key for key, values in keys.items() if _is_range(values) and values[0] > values[1]]
+    if upside_down:
+        raise ValueError(f"a range goes from its lower to its upper end; {upside_down[0]} does not")
+    return {key: tuple(values) for key, values in keys.items()}
+
+
+def _is_range(values: Any) -> bool:
+    return len(values) == 2 and all(isinstance(end, int | float) and not isinstance(end, bool) for end in values)
+
+
 class _Images(Table):
     """What a set of images has besides the ranges of the photograph's options."""
 
@@ -78,6 +93,7 @@ class _Images(Table):
     pixel: _ranged(Positive | None, "m") = None  # type: ignore[valid-type]
     per_diameter: _ranged(Positive | None) = None  # type: ignore[valid-type]
     per_bed: Annotated[int, Field(ge=1)] = 1
+    vary: Annotated[dict[str, tuple[Any, ...]], BeforeValidator(_varied)] = {}  # noqa: RUF012  (pydantic copies it)
     stones: Annotated[int, Field(ge=1)] = 100
     least_pixels: Annotated[int, Field(ge=1)] = 1
     formats: Annotated[tuple[Literal["png", "npy", "tif"], ...], Field(min_length=1)] = ("png",)
@@ -107,6 +123,19 @@ class _Images(Table):
             for end in itertools.product(*map(_ends, given)) if given is not None else ():
                 checked(camera_options(), {name: end})
         return self
+
+    def draw_bed(self, rng: np.random.Generator) -> dict[str, Any]:
+        """Return values of the keys that are varied from bed to bed, by their paths."""
+        drawn: dict[str, Any] = {}
+        for key, values in self.vary.items():
+            share = rng.random()
+            if not _is_range(values):
+                drawn[key] = values[int(share * len(values))]
+            elif all(isinstance(end, int) for end in values):
+                drawn[key] = values[0] + int(share * (values[1] - values[0] + 1))
+            else:
+                drawn[key] = _between(tuple(values), share)
+        return drawn
 
     def draw(self, rng: np.random.Generator) -> Draw:
         """Return what one photograph is taken with: each number from its range, all values of it alike likely.
@@ -217,6 +246,9 @@ else:
             Pixels along a mean diameter, instead of ``pixel``.
         per_bed : int
             Photographs of each bed.
+        vary : table
+            Keys of the recipe that differ from bed to bed, such as ``seeds.spread = [0.02, 0.1]``: two numbers are a
+            range, of whole ones where both are; else a list of values, which may be words or tables, is drawn from.
         stones : int
             Points of the grid by which stones are counted on each picture, as for `grainsdem.pebble_count`.
         least_pixels : int
