@@ -22,6 +22,10 @@ def survey(
         list[str] | None, typer.Option(help="A key of the recipe and its values, such as seeds.count=100,200,400.")
     ] = None,
     repeats: Annotated[int | None, typer.Option(help="Beds for each case.", min=1)] = None,
+    means: Annotated[
+        Path | None,
+        typer.Option(help="Also write each case's means with half their 95 % intervals (.csv, .parquet, .h5)."),
+    ] = None,
     workers: Annotated[int | None, typer.Option(help="Processes; by default one for each core.", min=1)] = None,
     json_: Json = False,
     quiet: Quiet = False,
@@ -30,17 +34,23 @@ def survey(
 
     An interrupted survey goes on where it was.
     """
+    import grainsdem
     from grainsdem import survey as surveys
+    from grainsdem.measures.grains.files import check_table
     from grainsdem.recipe import counting_words
     from grainsdem.screen import ChainProgress
 
+    if means is not None:
+        check_table(means)
     plan = surveys.read(recipe, vary=surveys.parse_vary(vary or []), repeats=repeats)
     prepare("cells", "lloyd", "shapes", "contacts", quiet=quiet)
     with ChainProgress(err, shown=not (quiet or json_)) as progress, progress.stage("Growing beds") as tell:
         table = surveys.run(plan, output, workers=workers, progress=counting_words(tell, "beds"))
+    if means is not None:
+        grainsdem.write_table(surveys.means(table), means)
     failed = int((table["error"] != "").sum())
     if json_:
-        print_json({"rows": len(table), "failed": failed, "files": [str(output)]})
+        print_json({"rows": len(table), "failed": failed, "files": [str(p) for p in (output, means) if p is not None]})
     elif not quiet:
         out.print(f"wrote {output}: {len(table)} beds, {failed} could not be grown", highlight=False)
 

@@ -16,12 +16,13 @@ from grainsdem.geometry.forms.sizes import grain_diameters, grain_sphericities
 from grainsdem.geometry.integrals import integrate
 from grainsdem.measures import summary as summarize
 from grainsdem.packing.carve import unwarned
+from grainsdem.recipe.views import names_told, told_of
 from grainsdem.survey.rows import load, read_rows, text_of, write_rows
 from grainsdem.workers import share
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     import numpy as np
     from numpy.typing import NDArray
@@ -50,6 +51,13 @@ MEASURES = (
 )
 """Columns of a survey's table after its parameters: SI units, in a planar bed of circles and outlines; ``scale`` is F,
 not a number where faces were moved by a gap; ``std_volume`` is relative to the mean volume."""
+
+OF_THROATS = tuple(
+    f"throats_{when}_{what}"
+    for when in ("before", "after")
+    for what in ("mean", "std", "min", "d10", "d50", "d90", "max")
+)
+"""Columns of where grains were moved within their cells: the widths [m] of throats."""
 
 PAUSE = 2.0
 """Seconds between two writings of the table: what an interrupted survey may lose."""
@@ -80,7 +88,8 @@ def run(
     -------
     structured ndarray, shape (n,)
         One row a bed in the order of the survey: ``version``, ``repeat``, ``rng``, ``recipe``, a mark of all that the
-        bed was grown from, the varied keys with ``_`` for the dot, `MEASURES`, and ``error``, empty where the bed
+        bed was grown from, the varied keys with ``_`` for the dot, `MEASURES`, `OF_THROATS` where grains are moved,
+        what the recipe's section and planform tell (``section_d50`` and so on), and ``error``, empty where the bed
         could be grown.
 
     Raises
@@ -96,7 +105,8 @@ def run(
         raise FileFormatError(f"{path}: a survey's table is written as .csv; got {path.suffix or 'no suffix'!r}")
     jobs = list(survey.jobs())
     varied = [key for key in survey.vary if key != "rng"]
-    header = ["version", "repeat", "rng", "recipe", *map(_column, varied), *MEASURES, "error"]
+    measures = [*MEASURES, *_more_measures([recipe for _, _, recipe in jobs])]
+    header = ["version", "repeat", "rng", "recipe", *map(_column, varied), *measures, "error"]
     marks = [_mark(recipe) for _, _, recipe in jobs]
     known = _kept(path, header, set(marks))
     rows = [known.get(mark) for mark in marks]
@@ -109,7 +119,12 @@ def run(
             case, repeat, recipe = jobs[missing[number]]
             first = [grainsdem.__version__, str(repeat), str(recipe.rng), marks[missing[number]]]
             first += [text_of(case[key]) for key in varied]
-            rows[missing[number]] = [*first, *map(text_of, measured)]
+            values = (measured.get(name) for name in measures)
+            rows[missing[number]] = [
+                *first,
+                *(text_of(float("nan") if value is None else value) for value in values),
+                measured["error"],
+            ]
             done += 1
             if progress is not None:
                 progress(done, len(jobs))
@@ -137,17 +152,30 @@ def _tell_of_lost_sizes(jobs: list[Recipe], header: list[str], rows: list[list[s
         )  # fmt: skip
 
 
-def measure(recipe: Recipe) -> list[Any]:
-    """Return `MEASURES` of the bed that a recipe grows, and the error that kept it from growing, or nothing."""
+def measure(recipe: Recipe) -> dict[str, Any]:
+    """Return what is measured of the bed that a recipe grows, and the error that kept it from growing, or nothing."""
     try:
         with unwarned():  # one warning for all beds is enough
             bed = recipes.grow(recipe)
-        return [*_measures(bed), ""]
+        return {**_measures(bed), **_widths(bed), **told_of(recipe.views(), bed), "error": ""}
     except GrainsDEMError as error:
-        return [*[float("nan")] * len(MEASURES), " ".join(str(error).split())]
+        return {"error": " ".join(str(error).split())}
 
 
-def _measures(bed: Packing) -> list[Any]:
+def _more_measures(jobs: Sequence[Recipe]) -> list[str]:
+    """Return the columns besides `MEASURES`: of throats where any recipe moves grains, and of views that any has."""
+    views = {name: table for recipe in jobs for name, table in recipe.views().items() if table is not None}
+    throats = OF_THROATS if any(recipe.grains.throats is not None for recipe in jobs) else ()
+    return [*throats, *names_told(views)]
+
+
+def _widths(bed: Packing) -> dict[str, float]:
+    """Return `OF_THROATS`, or nothing where no grain was moved."""
+    told = recipes.throat_widths_told(bed).get("throats", {})
+    return {f"throats_{when}_{what}": value for when, values in told.items() for what, value in values.items()}
+
+
+def _measures(bed: Packing) -> dict[str, Any]:
     summary = summarize(bed)
     measured = integrate(bed.grains)
     size, volume = grain_diameters(bed, measured), measured.volumes
@@ -166,7 +194,7 @@ def _measures(bed: Packing) -> list[Any]:
         "std_sphericity": float(grain_sphericities(bed, measured).std()),
         "std_volume": float(volume.std() / volume.mean()),
     }
-    return [found[name] for name in MEASURES]
+    return {name: found[name] for name in MEASURES}
 
 
 def _kept(path: Path, header: list[str], wanted: set[str]) -> dict[str, list[str]]:
