@@ -30,7 +30,7 @@ def contact_sheet(
     path : str or path-like
         Ends in ``.png``.
     columns : int
-        How many stand in a row.
+        How many stand in a row, at most.
     titles : sequence of str, optional
         What stands above each.
 
@@ -56,6 +56,7 @@ def contact_sheet(
         raise MissingFileError(f"{missing[0]}: no such file")
     from matplotlib.image import imread
 
+    columns = min(columns, len(pictures))
     rows = ceil(len(pictures) / columns)
     with drawing(target, (1.6 * columns, (1.6 + 0.2 * (titles is not None)) * rows), dpi=130) as figure:
         for k, picture in enumerate(pictures):
