@@ -9,6 +9,7 @@ import time
 import tomllib
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from PIL import Image
@@ -141,7 +142,7 @@ def test_a_killed_set_goes_on_to_what_an_undisturbed_one_is(tmp_path):
 
 def test_a_photograph_that_cannot_be_taken_is_a_row_that_says_why(tmp_path, caplog):
     # The bed is 0.1 m wide or so: pixels from 1 to 5 mm do not all fit forty times.
-    made = recipe(pixel=[1e-3, 5e-3], per_bed=4)
+    made = recipe(pixel=[1e-3, 5e-3], per_bed=4, tables=["h5", "parquet"])
     rows = gd.images(made, tmp_path / "set", count=8, workers=1)
     failed = rows["error"] != ""
     assert 0 < failed.sum() < 8
@@ -151,6 +152,8 @@ def test_a_photograph_that_cannot_be_taken_is_a_row_that_says_why(tmp_path, capl
     for row in rows:
         assert (tmp_path / "set" / row["file"]).exists() == (row["error"] == "")
     assert (rows["scale"][~failed] * 40 < 0.2).all()
+    with h5py.File(tmp_path / "set" / "truth.h5") as file:
+        assert [text.decode() for text in file["table"]["error"]] == rows["error"].tolist()  # with its ×
     # One whose bed cannot be grown, too.
     none = gd.recipe.make(
         **{**BASE, "domain": {}, "seeds": {"process": "poisson", "count": 2}, "grains": {"scale": 0.9}}
