@@ -74,7 +74,17 @@ from .measures import (
     write_table,
     zingg,
 )
-from .measures.planform import Planform, photograph, planform, planform_bias, planform_table, write_planform
+from .measures.planform import (
+    Lens,
+    Planform,
+    pebble_count,
+    photograph,
+    planform,
+    planform_bias,
+    planform_table,
+    size_percentiles,
+    write_planform,
+)
 from .measures.sections import (
     Section,
     SectionKernel,
@@ -120,6 +130,7 @@ from .packing import (
 )
 from .shapes import pack, scatter
 from .storage import load, load_history, load_motion, load_moved, load_surroundings, save
+from .survey import images
 from .tessellation import (
     GradedCells,
     Layer,
@@ -155,6 +166,7 @@ __all__ = [
     "InputError",
     "Layer",
     "LayeredCells",
+    "Lens",
     "LogHyperbolic",
     "Metric",
     "MissingFileError",
@@ -214,6 +226,7 @@ __all__ = [
     "fit_void_ratio",
     "graded_cells",
     "heal",
+    "images",
     "inertia_tensors",
     "inset",
     "integrate",
@@ -232,6 +245,7 @@ __all__ = [
     "neighbor_table",
     "orientation_tensor",
     "pack",
+    "pebble_count",
     "percentiles",
     "photograph",
     "planform",
@@ -264,6 +278,7 @@ __all__ = [
     "sieve_statistics",
     "size_distribution",
     "size_of",
+    "size_percentiles",
     "size_statistics",
     "sized_cells",
     "specific_surface",

@@ -26,7 +26,7 @@ from grainsdem.screen import print_settling
 pytestmark = pytest.mark.unit
 
 COMMANDS = ["demo", "run", "generate", "pack", "validate", "measure", "export", "settle", "heal", "render", "info"]
-COMMANDS += ["compact", "tap", "voxels", "phases", "section", "planform"]
+COMMANDS += ["compact", "tap", "voxels", "phases", "section", "planform", "images"]
 
 
 def call(*words):

@@ -347,10 +347,23 @@ def test_odd_requests_are_refused(bed, seen, cube, tmp_path):
     for options, match in (
         ({"light": [0, 0, -1]}, "above the horizon"),
         ({"light": [1, 0, 0]}, "above the horizon"),
-        ({"ambient": 1.5}, r"ambient must be in \[0, 1\]; got 1\.5"),
-        ({"brightness": 0}, "brightness must be positive"),
-        ({"noise": -1}, "noise must be zero or more"),
-        ({"blur": np.nan}, "blur must be zero or more"),
+        ({"light": [1, 0]}, "light.2: missing"),
+        ({"ambient": 1.5}, r"ambient: .*less than or equal to 1; got 1\.5"),
+        ({"brightness": 0}, "brightness: .*greater than 0"),
+        ({"noise": -1}, "noise: .*greater than or equal to 0"),
+        ({"blur": np.nan}, "blur: .*finite number; got nan"),
+        ({"lamp": 0.01}, r"the lamp must hang above the grains, whose highest is at z = .* it is at z ="),
+        ({"lamp": np.inf}, "lamp: .*finite number"),
+        ({"gradient": [1.5, -1.0]}, "no light may be below zero"),
+        ({"vignette": 1.0}, "vignette: .*less than 1"),
+        ({"lens": [-0.4, 0.0]}, r"farther out farther out.*got k1 = -0\.4"),
+        ({"lens": [0.1, np.nan]}, r"lens\.1: .*finite number"),
+        ({"texture": 1.0}, "texture: .*less than 1"),
+        ({"wet": "yes"}, "wet: .*boolean"),
+        ({"colors": "kryptonite"}, "stones must be among quartz, .*; got kryptonite"),
+        ({"colors": "quartz:much"}, "share is a number"),
+        ({"colors": [[0.5, 0.4, 1.2]]}, "reflectances above 0, at most 1"),
+        ({"colors": {"quartz": 0}}, "shares must be zero or more"),
     ):
         with pytest.raises(InputError, match=match):
             photograph(seen, bed, **options)

@@ -31,7 +31,9 @@ def window():
     ]
     functions = {name: getattr(grainsdem, name) for name in names if inspect.isfunction(getattr(grainsdem, name))}
     parameters = {name: inspect.signature(function).parameters.values() for name, function in functions.items()}
-    of_grains = {name: f for name, f in functions.items() if any("Grains" in p.annotation for p in parameters[name])}
+    of_grains = {
+        name: f for name, f in functions.items() if any("Grains" in str(p.annotation) for p in parameters[name])
+    }
     of_packings = {
         name: f
         for name, f in functions.items()

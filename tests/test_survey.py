@@ -88,6 +88,59 @@ def test_whole_models_can_be_swept_and_an_interrupted_sweep_goes_on(tmp_path, mo
     np.testing.assert_array_equal(whole["scale"], [0.8, 0.9] * 4)
 
 
+VIEWED = {
+    **BASE,
+    "grains": {"porosity": 0.4, "throats": {"fraction": 0.5}},
+    "section": {"at": 0.4},
+    "planform": {"per_diameter": 8},
+    "output": {"formats": [], "figures": False},
+}
+
+
+def test_a_survey_tells_what_sections_planforms_and_throats_do(tmp_path):
+    plan = survey.Survey(VIEWED, {"seeds.count": [80, 2]})
+    table = survey.run(plan, tmp_path / "t.csv", workers=1)
+    (_, _, recipe), _ = plan.jobs()
+    result = gd.recipe.run(recipe, tmp_path / "run")
+    for view in ("section", "planform"):
+        told = {f"{view}_{name}": value for name, value in result.summaries[view].items() if name != "expected"}
+        assert set(told) == {name for name in table.dtype.names if name.startswith(f"{view}_")}
+        for name, value in told.items():
+            assert table[name][0] == pytest.approx(value, rel=1e-12), name
+    throats = result.summaries["bed"]["throats"]
+    for when, widths in throats.items():
+        for name, value in widths.items():
+            assert table[f"throats_{when}_{name}"][0] == value
+    assert table["throats_after_std"][0] > table["throats_before_std"][0]
+    assert math.isnan(table["planform_d50_area_bias"][1])
+    assert math.isnan(table["throats_after_mean"][1])
+    plain = survey.run(survey.Survey(BASE), tmp_path / "plain.csv", workers=1)
+    assert not [name for name in plain.dtype.names if name.startswith(("section", "planform", "throats"))]
+
+
+@pytest.mark.statistical
+def test_means_of_cases_have_intervals_by_students_distribution(tmp_path):
+    from scipy import stats
+
+    base = {**BASE, "grains": {"porosity": 0.4}}
+    plan = survey.Survey(base, {"seeds.count": [80, 2], "grains.keep": ["inside"]}, repeats=4)
+    table = survey.run(plan, tmp_path / "t.csv", workers=1)
+    found = survey.means(table)
+    assert found.dtype.names[:3] == ("seeds_count", "grains_keep", "n")
+    assert found["seeds_count"].tolist() == [80, 2]
+    assert found["n"].tolist() == [4, 0]
+    values = table["mean_sphericity"][:4]
+    low, high = stats.t.interval(0.95, 3, loc=values.mean(), scale=stats.sem(values))
+    assert found["mean_sphericity"][0] == pytest.approx(0.5 * (low + high))
+    assert found["mean_sphericity_half_width"][0] == pytest.approx(0.5 * (high - low))
+    assert np.isnan([found["porosity"][1], found["porosity_half_width"][1]]).all()
+    alone = survey.means(survey.run(survey.Survey(base), tmp_path / "one.csv", workers=1))
+    assert alone["n"].tolist() == [1]
+    assert math.isnan(alone["d50_half_width"][0])
+    with pytest.raises(InputError, match=r"means are of what survey\.run returns"):
+        survey.means(found)
+
+
 def test_a_planar_survey_measures_circles_and_outlines(tmp_path):
     slab = {"shape": "slab", "lengths": [1.0, 1.0, 0.05], "periodic": "xy"}
     plan = survey.Survey({**BASE, "domain": slab}, {"grains.porosity": [0.0, 0.2]})
@@ -312,6 +365,7 @@ def test_the_command_takes_the_plan_of_the_file_and_of_its_options(tmp_path):
         "[survey]\nrepeats = 5\n[survey.vary]\nseeds.relax = [0, 1]\n"
     )
     options = ["--vary", "seeds.process=poisson,halton", "--repeats", "1", "--workers", "1"]
+    options += ["--means", str(tmp_path / "means.csv")]
     result = CliRunner().invoke(app, ["survey", str(recipe), str(output), *options])
     assert result.exit_code == 0, result.output
     assert "4 beds, 0 could not be grown" in result.output

@@ -15,6 +15,7 @@ from grainsdem.cli.options import app, out
 # Each module puts its commands on the application; the help shows them in this order.
 # isort: off
 import grainsdem.cli.making
+import grainsdem.cli.many
 import grainsdem.cli.packing
 import grainsdem.cli.looking.seeding
 import grainsdem.cli.looking.checking

@@ -11,6 +11,7 @@ import typer
 from typer.core import TyperGroup
 
 import grainsdem
+from grainsdem.cli.looking.seeing import planform_command
 from grainsdem.cli.made import History, MaxHours, Resume, made_command, running
 from grainsdem.cli.moving import settle_command
 from grainsdem.cli.options import (
@@ -67,17 +68,18 @@ UNITS = {
 """Units of what a report tells, by the words of its name."""
 
 
-SETTLE = "settle"
+MADE = {"settle": settle_command, "planform": planform_command}
+"""Commands that are made of a function's options, as those of experiments are."""
 
 
 class Commands(TyperGroup):
-    """Our commands, and those for settling and experiments, made when asked for: most commands need no engine."""
+    """Our commands, and those made of functions when they are asked for: most commands need no engine."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names of all commands."""
         from grainsdem.dynamics.experiments import registry
 
-        return [*super().list_commands(ctx), SETTLE, *(name.replace("_", "-") for name in registry.names())]
+        return [*super().list_commands(ctx), *MADE, *(name.replace("_", "-") for name in registry.names())]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """Return a command, or None where there is none of that name."""
@@ -88,11 +90,11 @@ app.info.cls = Commands
 
 
 def _command(name: str) -> Any:
-    """Return the command that settles or of an experiment, or None where there is no such experiment."""
+    """Return a command that is made of a function, or None where there is no such function."""
     from grainsdem.dynamics.experiments import registry
 
-    if name == SETTLE:
-        return settle_command()
+    if name in MADE:
+        return MADE[name]()
     if name.replace("-", "_") not in registry.names():
         return None
     try:
@@ -117,9 +119,9 @@ def experiments(
 
     settling = description(grainsdem.settle)
     if name is not None:
-        chosen: dict[str, Described] = {name: settling if name == SETTLE else registry.find(name)}
+        chosen: dict[str, Described] = {name: settling if name == "settle" else registry.find(name)}
     else:  # settling is told with them, and comes before
-        chosen = {**({SETTLE: settling} if markdown or json_ else {}), **registry.known()}
+        chosen = {**({"settle": settling} if markdown or json_ else {}), **registry.known()}
     if json_:
         print_json({found.name: found.schema() for found in chosen.values()})
     elif markdown:

@@ -51,6 +51,7 @@ def made_command(
     *,
     first: Mapping[str, tuple[Any, Any]],
     last: Mapping[str, tuple[Any, Any]],
+    words: str = "",
 ) -> Any:
     """Return the command of a function.
 
@@ -62,6 +63,8 @@ def made_command(
         What the command does; takes everything as keywords, the options checked.
     first, last : dict of str to tuple
         Parameters of the command before the options and behind them: annotation, and default or ``...``.
+    words : str
+        What its help says; by default what the function does, and that MuJoCo does it.
     """
     parameters = {**first, **{told.name: (_annotation(told), told.default) for told in found.told()}, **last}
 
@@ -83,7 +86,7 @@ def made_command(
             for name, (kind, default) in parameters.items()
         ]
     )
-    words = f"{found.summary.removesuffix('.')} (MuJoCo)."
+    words = words or f"{found.summary.removesuffix('.')} (MuJoCo)."
     info = CommandInfo(name=found.name.replace("_", "-"), callback=guarded(command), help=words)
     return get_command_from_info(info, pretty_exceptions_short=False, rich_markup_mode=app.rich_markup_mode)
 

@@ -307,37 +307,3 @@ def size_table(sizes: str | None, parameters: list[str] | None, tolerance: float
     rest = {"source": source, "parameters": keyed(parameters or []) or None, "tolerance": tolerance}
     table = _together("--sizes", rest)
     return None if table is None else {**table.pop("source"), **table}
-
-
-@app.command()
-@guarded
-def survey(
-    recipe: Annotated[
-        Path, typer.Argument(help="A recipe (.toml), with a table [survey] or with --vary.", show_default=False)
-    ],
-    output: Annotated[Path, typer.Argument(help="The table to write, or to go on with (.csv).", show_default=False)],
-    vary: Annotated[
-        list[str] | None, typer.Option(help="A key of the recipe and its values, such as seeds.count=100,200,400.")
-    ] = None,
-    repeats: Annotated[int | None, typer.Option(help="Beds for each case.", min=1)] = None,
-    workers: Annotated[int | None, typer.Option(help="Processes; by default one for each core.", min=1)] = None,
-    json_: Json = False,
-    quiet: Quiet = False,
-) -> None:
-    """Grow a bed for every combination of some parameters, and write what they measure as one table.
-
-    An interrupted survey goes on where it was.
-    """
-    from grainsdem import survey as surveys
-    from grainsdem.recipe import counting_words
-    from grainsdem.screen import ChainProgress
-
-    plan = surveys.read(recipe, vary=surveys.parse_vary(vary or []), repeats=repeats)
-    prepare("cells", "lloyd", "shapes", "contacts", quiet=quiet)
-    with ChainProgress(err, shown=not (quiet or json_)) as progress, progress.stage("Growing beds") as tell:
-        table = surveys.run(plan, output, workers=workers, progress=counting_words(tell, "beds"))
-    failed = int((table["error"] != "").sum())
-    if json_:
-        print_json({"rows": len(table), "failed": failed, "files": [str(output)]})
-    elif not quiet:
-        out.print(f"wrote {output}: {len(table)} beds, {failed} could not be grown", highlight=False)

@@ -174,10 +174,24 @@ def _write(
 
 
 def _settle(fresh: Packing, recipe: Recipe, folder: Path, monitor: Monitor) -> Settled:
-    table = recipe.settle or SettleTable()
-    options = {**table.model_dump(exclude={"overlap"}), "rng": stream(recipe, 1)}
     with monitor.stage("Settling") as tell, keeping_last_good(folder / "settled.h5"):
-        return settle(fresh, **options, history_path=folder / "history.h5", progress=settling_words(tell))
+        return come_to_rest(fresh, recipe, history_path=folder / "history.h5", progress=settling_words(tell))
+
+
+def come_to_rest(fresh: Packing, recipe: Recipe, **run: Any) -> Settled:
+    """Return what becomes of a bed as grown as a recipe's table of settling says; errors as of `settle`.
+
+    Parameters
+    ----------
+    fresh : Packing
+        The bed as grown.
+    recipe : Recipe
+        Whose table, or the table's defaults, and whose rng are used.
+    **run
+        Of `settle`: ``history_path``, ``progress``.
+    """
+    table = recipe.settle or SettleTable()
+    return settle(fresh, **table.model_dump(exclude={"overlap"}), rng=stream(recipe, 1), **run)
 
 
 @gated

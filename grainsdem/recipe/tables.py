@@ -19,6 +19,7 @@ from grainsdem.recipe.experiments.tables import experiment_tables
 from grainsdem.recipe.grains import GrainsTable, LayerTable
 from grainsdem.recipe.motion import SettleTable
 from grainsdem.recipe.seeds import SeedsTable
+from grainsdem.recipe.views.images import ImagesTable
 from grainsdem.recipe.views.tables import PlanformTable, SectionTable, VoxelsTable
 
 if TYPE_CHECKING:
@@ -93,6 +94,8 @@ class Recipe(Table):
         See each.
     voxels, section, planform : tables, optional
         What looks into the same bed.
+    images : table, optional
+        What a set of photographs of such beds is drawn from (`grainsdem.images`); it does not change the bed.
 
     Notes
     -----
@@ -109,13 +112,14 @@ class Recipe(Table):
     voxels: VoxelsTable | None = None
     section: SectionTable | None = None
     planform: PlanformTable | None = None
+    images: ImagesTable | None = None
     output: OutputTable = OutputTable()
 
     @model_serializer(mode="wrap")
     def _without_what_is_not_done(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Leave out what the recipe does not ask of a bed: what it is made of is told, and hashed, without."""
         told: dict[str, Any] = dump(self)
-        undone = {*experiment_tables(), *VIEWS}
+        undone = {*experiment_tables(), *VIEWS, "images"}
         if self.grains.shapes is not None:
             del told["seeds"]
         return {key: value for key, value in told.items() if value is not None or key not in undone}
@@ -194,7 +198,7 @@ class Recipe(Table):
     @model_validator(mode="after")
     def _rng_has_a_use(self) -> Self:
         """Refuse an rng that would change nothing: beds that differ by it alone would be copies of one."""
-        later = (self.settle, self.planform, *self.experiments().values())
+        later = (self.settle, self.planform, self.images, *self.experiments().values())
         if self.rng and not self.has_chance and all(table is None for table in later):
             raise ValueError(f"rng = {self.rng} changes nothing: {self.told_of_copies()}, or leave out rng")
         return self

@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Any, Literal
 from grainsdem import recipe as recipes
 from grainsdem.errors import FileFormatError, InputError, MissingFileError, name_offenders
 from grainsdem.gate import gated
+from grainsdem.recipe.base import flat
+from grainsdem.recipe.changing import put
 
 if TYPE_CHECKING:
     import os
@@ -97,7 +99,7 @@ class Survey:
                 wanted = recipes.make(**tables)
             elif self.repeats > 1 or "rng" in case:
                 raise InputError(f"the beds of {_shown(case)} would be copies of one: {wanted.told_of_copies()}")
-            text = json.dumps(wanted.model_dump(mode="json", exclude={"name", "output"}), sort_keys=True)
+            text = json.dumps(wanted.model_dump(mode="json", exclude={"name", "images", "output"}), sort_keys=True)
             if text in known:
                 raise InputError(f"{_shown(known[text])} and {_shown(case)} are the same bed; vary something else")
             known[text] = case
@@ -120,7 +122,7 @@ class Survey:
             case = dict(zip(self.vary, values, strict=True))
             tables = copy.deepcopy(dict(self.base))
             for key, value in case.items():
-                _put(tables, key, value)
+                put(tables, key, value)
             foreign = _of_other_processes(case, tables)
             case |= dict.fromkeys(foreign, math.nan)
             cases.setdefault(repr(case) if foreign else str(number), (case, tables))
@@ -162,7 +164,7 @@ def read(
     if not isinstance(plan, dict) or not set(plan) <= {"vary", "combine", "repeats"}:
         raise InputError(f"{path}: the survey table takes vary, combine and repeats; got {plan!r}")
     _find_beside(path.parent, tables)
-    varied = {**_flat(plan.get("vary", {})), **(vary or {})}
+    varied = {**flat(plan.get("vary", {})), **(vary or {})}
     return Survey(tables, varied, plan.get("combine", "product"), repeats or plan.get("repeats", 1))
 
 
@@ -217,21 +219,3 @@ def _of_other_processes(case: Mapping[str, Any], tables: Mapping[str, Any]) -> l
 def _shown(case: Mapping[str, Any]) -> str:
     """Return the values of a case as text."""
     return ", ".join(f"{key} = {value}" for key, value in case.items()) or "the recipe"
-
-
-def _flat(tables: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Return nested tables as one, its keys joined by dots: TOML reads an unquoted ``seeds.count`` as a table."""
-    flat: dict[str, Any] = {}
-    for key, value in tables.items():
-        flat |= _flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": value}
-    return flat
-
-
-def _put(tables: dict[str, Any], key: str, value: Any) -> None:
-    """Set a value that is named by its path, such as ``seeds.count``."""
-    *folders, last = key.split(".")
-    for name in folders:
-        tables = tables.setdefault(name, {})
-        if not isinstance(tables, dict):
-            raise InputError(f"{key} cannot be varied: {name} is no table")
-    tables[last] = value

@@ -2,32 +2,30 @@
 
 from __future__ import annotations
 
-import csv
 import hashlib
-import io
 import json
 import logging
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 import grainsdem
 from grainsdem import recipe as recipes
-from grainsdem.atomic import replacing
-from grainsdem.errors import FileFormatError, GrainsDEMError, InputError, MissingFileError
+from grainsdem.errors import FileFormatError, GrainsDEMError, InputError
 from grainsdem.gate import gated
 from grainsdem.geometry.forms.sizes import grain_diameters, grain_sphericities
 from grainsdem.geometry.integrals import integrate
 from grainsdem.measures import summary as summarize
 from grainsdem.packing.carve import unwarned
+from grainsdem.recipe.views import names_told, told_of
+from grainsdem.survey.rows import load, read_rows, text_of, write_rows
 from grainsdem.workers import share
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
+    import numpy as np
     from numpy.typing import NDArray
 
     from grainsdem.model import Packing
@@ -54,6 +52,13 @@ MEASURES = (
 )
 """Columns of a survey's table after its parameters: SI units, in a planar bed of circles and outlines; ``scale`` is F,
 not a number where faces were moved by a gap; ``std_volume`` is relative to the mean volume."""
+
+OF_THROATS = tuple(
+    f"throats_{when}_{what}"
+    for when in ("before", "after")
+    for what in ("mean", "std", "min", "d10", "d50", "d90", "max")
+)
+"""Columns of where grains were moved within their cells: the widths [m] of throats."""
 
 PAUSE = 2.0
 """Seconds between two writings of the table: what an interrupted survey may lose."""
@@ -85,7 +90,8 @@ def run(
     -------
     structured ndarray, shape (n,)
         One row a bed in the order of the survey: ``version``, ``repeat``, ``rng``, ``recipe``, a mark of all that the
-        bed was grown from, the varied keys with ``_`` for the dot, `MEASURES`, and ``error``, empty where the bed
+        bed was grown from, the varied keys with ``_`` for the dot, `MEASURES`, `OF_THROATS` where grains are moved,
+        what the recipe's section and planform tell (``section_d50`` and so on), and ``error``, empty where the bed
         could be grown.
 
     Raises
@@ -101,7 +107,8 @@ def run(
         raise FileFormatError(f"{path}: a survey's table is written as .csv; got {path.suffix or 'no suffix'!r}")
     jobs = list(survey.jobs())
     varied = [key for key in survey.vary if key != "rng"]
-    header = ["version", "repeat", "rng", "recipe", *map(_column, varied), *MEASURES, "error"]
+    measures = [*MEASURES, *_more_measures([recipe for _, _, recipe in jobs])]
+    header = ["version", "repeat", "rng", "recipe", *map(_column, varied), *measures, "error"]
     marks = [_mark(recipe) for _, _, recipe in jobs]
     known = _kept(path, header, set(marks))
     rows = [known.get(mark) for mark in marks]
@@ -113,16 +120,21 @@ def run(
         for number, measured in share(measure, [jobs[k][2] for k in missing], workers=workers):
             case, repeat, recipe = jobs[missing[number]]
             first = [grainsdem.__version__, str(repeat), str(recipe.rng), marks[missing[number]]]
-            first += [_text(case[key]) for key in varied]
-            rows[missing[number]] = [*first, *map(_text, measured)]
+            first += [text_of(case[key]) for key in varied]
+            values = (measured.get(name) for name in measures)
+            rows[missing[number]] = [
+                *first,
+                *(text_of(float("nan") if value is None else value) for value in values),
+                measured["error"],
+            ]
             done += 1
             if progress is not None:
                 progress(done, len(jobs))
             if time.monotonic() - written > PAUSE:
-                _write(path, header, rows)
+                write_rows(path, header, rows)
                 written = time.monotonic()
     finally:
-        _write(path, header, rows)
+        write_rows(path, header, rows)
     _tell_of_lost_sizes([recipe for _, _, recipe in jobs], header, rows)
     return load(path)
 
@@ -142,17 +154,30 @@ def _tell_of_lost_sizes(jobs: list[Recipe], header: list[str], rows: list[list[s
         )  # fmt: skip
 
 
-def measure(recipe: Recipe) -> list[Any]:
-    """Return `MEASURES` of the bed that a recipe grows, and the error that kept it from growing, or nothing."""
+def measure(recipe: Recipe) -> dict[str, Any]:
+    """Return what is measured of the bed that a recipe grows, and the error that kept it from growing, or nothing."""
     try:
         with unwarned():  # one warning for all beds is enough
             bed = recipes.grow(recipe)
-        return [*_measures(bed), ""]
+        return {**_measures(bed), **_widths(bed), **told_of(recipe.views(), bed), "error": ""}
     except GrainsDEMError as error:
-        return [*[float("nan")] * len(MEASURES), " ".join(str(error).split())]
+        return {"error": " ".join(str(error).split())}
 
 
-def _measures(bed: Packing) -> list[Any]:
+def _more_measures(jobs: Sequence[Recipe]) -> list[str]:
+    """Return the columns besides `MEASURES`: of throats where any recipe moves grains, and of views that any has."""
+    views = {name: table for recipe in jobs for name, table in recipe.views().items() if table is not None}
+    throats = OF_THROATS if any(recipe.grains.throats is not None for recipe in jobs) else ()
+    return [*throats, *names_told(views)]
+
+
+def _widths(bed: Packing) -> dict[str, float]:
+    """Return `OF_THROATS`, or nothing where no grain was moved."""
+    told = recipes.throat_widths_told(bed).get("throats", {})
+    return {f"throats_{when}_{what}": value for when, values in told.items() for what, value in values.items()}
+
+
+def _measures(bed: Packing) -> dict[str, Any]:
     summary = summarize(bed)
     measured = integrate(bed.grains)
     size, volume = grain_diameters(bed, measured), measured.volumes
@@ -171,50 +196,14 @@ def _measures(bed: Packing) -> list[Any]:
         "std_sphericity": float(grain_sphericities(bed, measured).std()),
         "std_volume": float(volume.std() / volume.mean()),
     }
-    return [found[name] for name in MEASURES]
-
-
-@gated
-def load(path: str | os.PathLike[str]) -> NDArray[np.void]:
-    """Return a survey's table as a structured array; numbers where a column has nothing else.
-
-    Raises
-    ------
-    MissingFileError
-        If there is no such file.
-    FileFormatError
-        If it holds no table.
-    """
-    path = Path(path)
-    if not path.is_file():
-        raise MissingFileError(f"{path}: no such file")
-    header, *rows = csv.reader(io.StringIO(path.read_text(encoding="utf-8-sig")))
-    if not rows or any(len(row) != len(header) for row in rows):
-        raise FileFormatError(f"{path}: not a survey's table")
-    columns = [_numbers(list(values)) for values in zip(*rows, strict=True)]
-    table = np.empty(len(rows), dtype=[(name, column.dtype) for name, column in zip(header, columns, strict=True)])
-    for name, column in zip(header, columns, strict=True):
-        table[name] = column
-    return table
-
-
-def _numbers(texts: list[str]) -> NDArray[Any]:
-    for kind in (np.int64, np.float64):
-        try:
-            return np.array(texts).astype(kind)
-        except ValueError:
-            continue
-    return np.array(texts)
+    return {name: found[name] for name in MEASURES}
 
 
 def _kept(path: Path, header: list[str], wanted: set[str]) -> dict[str, list[str]]:
     """Return the rows that a table holds, by their ``recipe``; those of beds that failed are tried again."""
     if not path.exists():
         return {}
-    try:
-        found, *rows = csv.reader(io.StringIO(path.read_text(encoding="utf-8-sig")))
-    except (ValueError, OSError, csv.Error):
-        found, rows = [], []
+    found, rows = read_rows(path)
     whole = [row for row in rows if len(row) == len(header)]
     foreign = [row for row in whole if row[0] != grainsdem.__version__ or row[3] not in wanted]
     if found != header or foreign:
@@ -223,18 +212,9 @@ def _kept(path: Path, header: list[str], wanted: set[str]) -> dict[str, list[str
     return {row[3]: row for row in whole if not row[-1]}
 
 
-def _write(path: Path, header: list[str], rows: list[list[str] | None]) -> None:
-    text = io.StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows(row for row in rows if row is not None)
-    with replacing(path) as temporary:
-        temporary.write_text(text.getvalue(), encoding="utf-8", newline="")
-
-
 def _mark(recipe: Recipe) -> str:
     """Return a word that stands for all that a bed is grown from, its rng included."""
-    text = json.dumps(recipe.model_dump(mode="json", exclude={"name", "output"}), sort_keys=True)
+    text = json.dumps(recipe.model_dump(mode="json", exclude={"name", "images", "output"}), sort_keys=True)
     return (
         f"r{hashlib.sha256(text.encode()).hexdigest()[:12]}"  # a letter first, so that no reader takes it for a number
     )
@@ -242,7 +222,3 @@ def _mark(recipe: Recipe) -> str:
 
 def _column(key: str) -> str:
     return key.replace(".", "_")
-
-
-def _text(value: Any) -> str:
-    return repr(value) if isinstance(value, float) else json.dumps(value) if isinstance(value, list) else str(value)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
 
 import grainsdem
-from grainsdem.cli.options import Bed, Json, Quiet, app, err, guarded, load, out, print_json
+from grainsdem.cli.made import made_command
+from grainsdem.cli.options import Bed, Force, Json, Quiet, app, err, guarded, load, out, print_json
 from grainsdem.errors import InputError
 
 LOG = logging.getLogger(__name__)
@@ -153,38 +155,69 @@ def section(
         print_facts(out, str(picture), facts)
 
 
-@app.command()
-@guarded
-def planform(
-    bed: Bed,
-    folder: Annotated[Path, typer.Argument(help="The folder for the image and its truth.", show_default=False)],
-    pixel: Annotated[float | None, typer.Option(help="Edge of a pixel [m].")] = None,
-    per_diameter: PerDiameter = None,
-    region: Annotated[
-        tuple[float, float, float, float] | None, typer.Option(help="Smallest x and y, largest x and y [m].")
-    ] = None,
-    light: Annotated[tuple[float, float, float], typer.Option(help="Direction to the light.")] = (-1.0, 1.0, 1.5),
-    ambient: Annotated[float, typer.Option(help="Share of the light that comes from the whole sky.")] = 0.4,
-    brightness: Annotated[float, typer.Option(help="Grey of a level face in full light.")] = 0.6,
-    variety: Annotated[float, typer.Option(help="Spread of the grains' reflectance, of its logarithm.")] = 0.15,
-    blur: Annotated[float, typer.Option(help="Spread of a point [pixels].")] = 0.0,
-    noise: Annotated[float, typer.Option(help="Spread of the grey that is added to each pixel.")] = 0.0,
-    formats: Annotated[
-        list[str] | None, typer.Option("--format", help="png, npy or tif; may be repeated. [default: png, npy]")
-    ] = None,
-    least_pixels: Annotated[int, typer.Option(help="Grains of which fewer are seen are specks.", min=1)] = 1,
-    figure: Annotated[Path | None, typer.Option(help="Also draw image, grains, depths and sizes (.png).")] = None,
-    rng: Annotated[int, typer.Option(help="Seed of reflectances and noise.", min=0)] = 0,
-    force: Annotated[bool, typer.Option("--force", help="Replace files that exist.")] = False,
-    json_: Json = False,
-    quiet: Quiet = False,
+FIRST: dict[str, tuple[Any, Any]] = {
+    "bed": (Bed, ...),
+    "folder": (
+        Annotated[Path, typer.Argument(help="The folder for the image and its truth.", show_default=False)],
+        ...,
+    ),
+    "pixel": (Annotated[float | None, typer.Option(help="Edge of a pixel [m].")], None),
+    "per_diameter": (PerDiameter, None),
+    "region": (
+        Annotated[
+            tuple[float, float, float, float] | None, typer.Option(help="Smallest x and y, largest x and y [m].")
+        ],
+        None,
+    ),
+}
+"""What the command of planforms takes before the options of the photograph."""
+
+LAST: dict[str, tuple[Any, Any]] = {
+    "formats": (
+        Annotated[
+            list[str] | None, typer.Option("--format", help="png, npy or tif; may be repeated. [default: png, npy]")
+        ],
+        None,
+    ),
+    "least_pixels": (Annotated[int, typer.Option(help="Grains of which fewer are seen are specks.", min=1)], 1),
+    "figure": (Annotated[Path | None, typer.Option(help="Also draw image, grains, depths and sizes (.png).")], None),
+    "rng": (Annotated[int, typer.Option(help="Seed of reflectances, colours, textures and noise.", min=0)], 0),
+    "force": (Force, False),
+    "json_": (Json, False),
+    "quiet": (Quiet, False),
+}
+"""What it takes behind them."""
+
+
+def planform_command() -> Any:
+    """Return the command that photographs a bed, with the options that `grainsdem.photograph` says."""
+    from grainsdem.described import description
+
+    words = "Photograph a bed from above, and write who is seen where, how deep, and how large grains are and seem."
+    found = replace(description(grainsdem.photograph), name="planform")
+    return made_command(found, _planform, first=FIRST, last=LAST, words=words)
+
+
+def _planform(
+    *,
+    bed: Path,
+    folder: Path,
+    pixel: float | None,
+    per_diameter: float | None,
+    region: tuple[float, float, float, float] | None,
+    formats: list[str] | None,
+    least_pixels: int,
+    figure: Path | None,
+    rng: int,
+    force: bool,
+    json_: bool,
+    quiet: bool,
+    **camera: Any,
 ) -> None:
-    """Photograph a bed from above, and write who is seen where, how deep, and how large grains are and seem."""
+    """Photograph a bed, write the folder, and print how large grains seem."""
     from grainsdem.screen import print_facts
 
     packing, corners = load(bed), None if region is None else (region[:2], region[2:])
-    camera: dict[str, Any] = {"light": light, "ambient": ambient, "brightness": brightness}
-    camera |= {"variety": variety, "blur": blur, "noise": noise}
     view = grainsdem.planform(packing, pixel=pixel, per_diameter=per_diameter, region=corners)
     files = grainsdem.write_planform(
         view,

@@ -40,7 +40,7 @@ def planform_figure(
         What is seen of the packing.
     packing : Packing
         The same packing.
-    image : ndarray, shape (ny, nx)
+    image : ndarray, shape (ny, nx) or (ny, nx, 3)
         What `photograph` returns of the view.
     path : str or path-like
         Ends in ``.png``.
@@ -58,7 +58,7 @@ def planform_figure(
         If the suffix is another, no grain is seen, the image is of another shape, or the file cannot be written.
     """
     target = check_suffix(path)
-    if image.shape != view.labels.shape:
+    if image.shape not in {view.labels.shape, (*view.labels.shape, 3)}:
         raise ShapeError(f"the image must have the view's shape {view.labels.shape}; got {image.shape}")
     rows = planform_table(view, packing)
     rows = rows[rows["n_pixels"] >= least_pixels]

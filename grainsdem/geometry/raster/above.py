@@ -241,7 +241,12 @@ def _sky(start, stop, padded, margin, offsets, inverses, result):  # type: ignor
 
 
 def shadows(
-    heights: Floats, pixel: float, towards: Floats, *, wraps: tuple[bool, bool] = (False, False)
+    heights: Floats,
+    pixel: float,
+    towards: Floats,
+    *,
+    wraps: tuple[bool, bool] = (False, False),
+    lamp: tuple[float, float, float] | None = None,
 ) -> NDArray[np.bool_]:
     """Return which pixels of a map of heights lie in the shadow of others, shape (ny, nx).
 
@@ -255,24 +260,32 @@ def shadows(
         Unit vector to the light, above the horizon.
     wraps : tuple of bool
         Whether the map goes on at its other side along x and y.
+    lamp : tuple of float, optional
+        Column and row, not whole ones, and height [m] of a lamp above the map, which takes the place of the direction.
     """
     result = np.zeros(heights.shape, dtype=np.bool_)
     level = float(np.hypot(towards[0], towards[1]))
-    if level > 0:
-        direction = towards[:2] / level
-        rise, highest = pixel * towards[2] / level, float(heights.max())
-        in_blocks(_shadows, len(heights), heights, direction, rise, highest, np.array(wraps), result, least=1)
+    if level > 0 or lamp is not None:
+        direction = towards[:2] / max(level, 1e-300)
+        rise, highest = pixel * towards[2] / max(level, 1e-300), float(heights.max())
+        place = np.array((0.0, 0.0, np.inf) if lamp is None else lamp)  # the sun is endlessly high
+        in_blocks(_shadows, len(heights), heights, direction, rise, highest, np.array(wraps), place, result, least=1)
     return result
 
 
 @njit(cache=True, nogil=True)
-def _shadows(start, stop, heights, direction, rise, highest, wraps, result):  # type: ignore[no-untyped-def]
+def _shadows(start, stop, heights, direction, rise, highest, wraps, lamp, result):  # type: ignore[no-untyped-def]
+    dx, dy, far = direction[0], direction[1], np.inf
     for r in range(start, stop):
         for c in range(heights.shape[1]):
+            if lamp[2] < np.inf:
+                dx, dy = lamp[0] - c, r - lamp[1]
+                far = max(np.hypot(dx, dy), 1e-9)  # pixels; straight below the lamp nothing is in between
+                dx, dy, rise = dx / far, dy / far, (lamp[2] - heights[r, c]) / far
             # The first pixel is left out: a slope must not shade itself by its own steps.
             s = 2
-            while heights[r, c] + s * rise < highest:
-                y, x = int(np.rint(s * direction[1])), int(np.rint(s * direction[0]))
+            while s < far and heights[r, c] + s * rise < highest:
+                y, x = int(np.rint(s * dy)), int(np.rint(s * dx))
                 if _at(heights, r - y, c + x, wraps) > heights[r, c] + s * rise:
                     result[r, c] = True
                     break

@@ -138,17 +138,22 @@ def _parquet(rows: NDArray[np.void]) -> bytes:
 def _hdf5(rows: NDArray[np.void]) -> bytes:
     import h5py  # noqa: PLC0415  (a tenth of a second, for one of three formats)
 
-    # HDF5 has no UTF-32: texts of ours are plain letters, stored as bytes.
-    fields = [(name, _stored(rows.dtype[name])) for name in rows.dtype.names or ()]
+    # HDF5 has no UTF-32: texts are stored as bytes of UTF-8.
+    columns = {name: rows[name] for name in rows.dtype.names or ()}
+    columns = {
+        name: np.char.encode(values, "utf-8") if values.dtype.kind == "U" else values
+        for name, values in columns.items()
+    }
+    # A text of no letters has no room there.
+    fields = [(name, values.dtype if values.dtype.itemsize else np.dtype("S1")) for name, values in columns.items()]
+    stored = np.empty(rows.shape, dtype=fields)
+    for name, values in columns.items():
+        stored[name] = values
     sink = io.BytesIO()
     with h5py.File(sink, "w", libver=("v110", "v110")) as file:
-        dataset = file.create_dataset("table", data=rows.astype(fields))
+        dataset = file.create_dataset("table", data=stored)
         dataset.attrs["units"] = json.dumps({name: UNITS[name] for name, _ in fields if name in UNITS})
     return sink.getvalue()
-
-
-def _stored(kind: np.dtype[Any]) -> np.dtype[Any]:
-    return np.dtype(f"S{max(1, kind.itemsize // 4)}") if kind.kind == "U" else kind
 
 
 _WRITERS: dict[str, Callable[[NDArray[np.void]], bytes]] = {

@@ -28,6 +28,15 @@ if TYPE_CHECKING:
 PERCENTS = (5, 16, 25, 50, 75, 84, 95)
 """Percentiles of `planform_bias`."""
 
+STATISTICS = (*(f"d{q}" for q in PERCENTS), "mean", "sd")
+"""Rows of `planform_bias`."""
+
+SAMPLES = ("bed_by_number", "bed_by_mass", "seen_by_number", "apparent_by_number", "apparent_by_area")
+"""What they are of."""
+
+BIASES = ("number_bias", "area_bias")
+"""Ratios of these."""
+
 _SIZES = ("apparent_diameter", "apparent_a", "apparent_b", "diameter", "a", "b", "c")
 
 COLUMNS = np.dtype(
@@ -80,9 +89,7 @@ def planform_table(view: Planform, packing: Packing) -> NDArray[np.void]:
     rows = np.zeros(ids.size, dtype=COLUMNS)
     rows["id"], rows["n_pixels"], rows["is_cut"] = ids, counts[ids], at_border[ids]
     rows["visible_area"] = counts[ids] * view.pixel.prod()
-    planes = face_planes(packing.grains)
-    upward = np.maximum(turned_normals(packing, planes.normals)[:, 2], 0.0) * planes.areas
-    rows["projected_area"] = sum_rows(upward, packing.grains.face_offsets)[ids]
+    rows["projected_area"] = projected_areas(packing)[ids]
     rows["visible_share"] = rows["visible_area"] / rows["projected_area"]
     rows["apparent_diameter"] = np.sqrt(4 / np.pi * rows["visible_area"])
     rows["apparent_a"], rows["apparent_b"] = ellipse_axes(*moments[ids].T)
@@ -132,21 +139,28 @@ def planform_bias(rows: NDArray[np.void], packing: Packing, *, least_pixels: int
     measured = integrate(packing.grains)
     b = true_sizes(packing, measured)["b"]
     one = np.ones
-    columns = {
-        "bed_by_number": _statistics(b, one(b.size)),
-        "bed_by_mass": _statistics(b, measured.volumes * packing.densities),
-        "seen_by_number": _statistics(rows["b"], one(rows.size)),
-        "apparent_by_number": _statistics(rows["apparent_b"], one(rows.size)),
-        "apparent_by_area": _statistics(rows["apparent_b"], rows["visible_area"]),
-    }
-    columns["number_bias"] = columns["apparent_by_number"] / columns["bed_by_number"]
-    columns["area_bias"] = columns["apparent_by_area"] / columns["bed_by_mass"]
-    names = [*(f"d{q}" for q in PERCENTS), "mean", "sd"]
-    result = np.zeros(len(names), dtype=[("statistic", "U4"), *((name, np.float64) for name in columns)])
-    result["statistic"] = names
-    for name, values in columns.items():
-        result[name] = values
+    samples = (
+        (b, one(b.size)),
+        (b, measured.volumes * packing.densities),
+        (rows["b"], one(rows.size)),
+        (rows["apparent_b"], one(rows.size)),
+        (rows["apparent_b"], rows["visible_area"]),
+    )
+    kinds = [("statistic", "U4"), *((name, np.float64) for name in (*SAMPLES, *BIASES))]
+    result = np.zeros(len(STATISTICS), dtype=kinds)
+    result["statistic"] = STATISTICS
+    for name, (sizes, weights) in zip(SAMPLES, samples, strict=True):
+        result[name] = _statistics(sizes, weights)
+    result["number_bias"] = result["apparent_by_number"] / result["bed_by_number"]
+    result["area_bias"] = result["apparent_by_area"] / result["bed_by_mass"]
     return result
+
+
+def projected_areas(packing: Packing) -> Floats:
+    """Return the area [m²] of each grain's outline from above, whatever hides it, shape (n,)."""
+    planes = face_planes(packing.grains)
+    upward = np.maximum(turned_normals(packing, planes.normals)[:, 2], 0.0) * planes.areas
+    return np.asarray(sum_rows(upward, packing.grains.face_offsets))
 
 
 def _visible(view: Planform, packing: Packing) -> tuple[NDArray[np.int64], Floats, NDArray[np.bool_]]:

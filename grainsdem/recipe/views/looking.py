@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from grainsdem.figures.seen import planform_figure, section_figure
-from grainsdem.geometry.bounds import boxes
 from grainsdem.measures import write_csv
-from grainsdem.measures.planform import photograph, planform, planform_bias, planform_table, write_planform
-from grainsdem.measures.sections import expected_section, section, section_profile, section_summary, section_table
+from grainsdem.measures.planform import photograph, write_planform
+from grainsdem.measures.sections import expected_section, section_profile, section_table
 from grainsdem.measures.voxels import write_voxels
+from grainsdem.recipe.views.measuring import cut_as_asked, seen_as_asked
 from grainsdem.recipe.views.tables import PlanformTable, SectionTable, ViewTable, VoxelsTable
 
 if TYPE_CHECKING:
@@ -92,12 +92,7 @@ def _voxels(table: VoxelsTable, packing: Packing, folder: Path, tell: Tell) -> T
 
 
 def _section(table: SectionTable, packing: Packing, folder: Path, *, with_figures: bool) -> Told:
-    number = "xyz".index(table.axis)
-    lower, upper = boxes(packing)
-    domain = packing.domain
-    low = max(float(lower[:, number].min()), float(domain.lower[number]))
-    high = min(float(upper[:, number].max()), float(domain.upper[number]))
-    cut = section(packing, **{table.axis: low + table.at * (high - low)})
+    cut, told = cut_as_asked(table, packing)
     files = [write_csv(section_table(cut), folder / "section.csv")]
     if table.levels:
         profile = section_profile(packing, table.levels, axis=table.axis)
@@ -105,11 +100,11 @@ def _section(table: SectionTable, packing: Packing, folder: Path, *, with_figure
     if with_figures:
         files.append(section_figure(cut, folder / "section.png", color_by="diameter"))
     expected = expected_section(packing, normal=cut.frame[2])
-    return files, {**section_summary(cut), "expected": expected}
+    return files, {**told, "expected": expected}
 
 
 def _planform(table: PlanformTable, packing: Packing, folder: Path, *, rng: int, with_figures: bool) -> Told:
-    view = planform(packing, pixel=table.pixel, per_diameter=table.per_diameter)
+    view, whole, told = seen_as_asked(table, packing)
     camera: dict[str, Any] = table.camera()
     files = write_planform(
         view,
@@ -121,15 +116,8 @@ def _planform(table: PlanformTable, packing: Packing, folder: Path, *, rng: int,
         overwrite=True,
         **camera,
     )
-    rows = planform_table(view, packing)
-    whole = rows[~rows["is_cut"] & (rows["n_pixels"] >= table.least_pixels)]
-    told: dict[str, Any] = {"grains_seen": int(rows.size), "grains_whole": int(whole.size)}
-    if whole.size:
-        bias = planform_bias(whole, packing)
-        names = (bias.dtype.names or ())[1:]
-        told |= {f"{row['statistic']}_{name}": float(row[name]) for row in bias for name in names}
-        if with_figures:
-            image = photograph(view, packing, rng=np.random.default_rng(rng), **camera)
-            path = folder / "planform.png"
-            files.append(planform_figure(view, packing, image, path, least_pixels=table.least_pixels))
+    if whole.size and with_figures:
+        image = photograph(view, packing, rng=np.random.default_rng(rng), **camera)
+        path = folder / "planform.png"
+        files.append(planform_figure(view, packing, image, path, least_pixels=table.least_pixels))
     return files, told

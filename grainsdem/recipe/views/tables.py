@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import ConfigDict, Field, create_model, model_validator
 
-from grainsdem.measures.planform.photographs import LIGHT
-from grainsdem.recipe.base import Coefficient, Positive, Table
+from grainsdem.measures.planform.photographs import camera_options
+from grainsdem.recipe.base import Positive, Table
 
 
 class ViewTable(Table):
@@ -59,32 +59,14 @@ class SectionTable(ViewTable):
     levels: Annotated[int, Field(ge=0)] = 32
 
 
-class PlanformTable(ViewTable):
-    """``[planform]``: a photograph of the bed from above, and the truth about it.
+class _Planform(ViewTable):
+    """What the table of planforms has besides the options of the photograph."""
 
-    Parameters
-    ----------
-    pixel : float, optional
-        Edge [m] of a pixel.
-    per_diameter : float, optional
-        Pixels along a mean diameter, 20 by default; instead of ``pixel``.
-    formats : list of str
-        Among ``"png"``, ``"npy"`` and ``"tif"``.
-    light, ambient, brightness, variety, blur, noise
-        As for `grainsdem.photograph`.
-    least_pixels : int
-        Grains of which fewer are seen are left out of the bias.
-    """
+    model_config = ConfigDict(allow_inf_nan=False)
 
     pixel: Positive | None = None
     per_diameter: Positive | None = None
     formats: tuple[Literal["png", "npy", "tif"], ...] = ("png", "npy")
-    light: tuple[float, float, Positive] = LIGHT
-    ambient: Annotated[float, Field(ge=0, le=1)] = 0.4
-    brightness: Positive = 0.6
-    variety: Coefficient = 0.15
-    blur: Coefficient = 0.0
-    noise: Coefficient = 0.0
     least_pixels: Annotated[int, Field(ge=1)] = 1
 
     @model_validator(mode="after")
@@ -95,4 +77,23 @@ class PlanformTable(ViewTable):
 
     def camera(self) -> dict[str, object]:
         """Return the options of the photograph."""
-        return self.model_dump(include={"light", "ambient", "brightness", "variety", "blur", "noise"})
+        return self.model_dump(include=set(camera_options().model_fields))
+
+
+if TYPE_CHECKING:
+
+    class PlanformTable(_Planform):
+        """See below."""
+else:
+    PlanformTable = create_model(
+        "PlanformTable",
+        __base__=_Planform,
+        __module__=__name__,
+        __doc__="""``[planform]``: a photograph of the bed from above, and the truth about it.
+
+        It has the options of `grainsdem.photograph`; ``pixel``, the edge [m] of a pixel, or ``per_diameter``, pixels
+        along a mean diameter, 20 by default; ``formats``, among ``"png"``, ``"npy"`` and ``"tif"``; and
+        ``least_pixels``: grains of which fewer are seen are left out of the bias.
+        """,
+        **{name: (field.annotation, field) for name, field in camera_options().model_fields.items()},
+    )
