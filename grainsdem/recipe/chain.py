@@ -178,6 +178,7 @@ def _settle(fresh: Packing, recipe: Recipe, folder: Path, monitor: Monitor) -> S
         return come_to_rest(fresh, recipe, history_path=folder / "history.h5", progress=settling_words(tell))
 
 
+@gated
 def come_to_rest(fresh: Packing, recipe: Recipe, **run: Any) -> Settled:
     """Return what becomes of a bed as grown as a recipe's table of settling says; errors as of `settle`.
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from pydantic import ValidationError
 
 from grainsdem.errors import InputError
+from grainsdem.gate import gated
 from grainsdem.options import explained
 from grainsdem.recipe.tables import Recipe, make
 from grainsdem.recipe.views.images import ImagesTable
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 
+@gated
 def varied(recipe: Recipe, changes: Mapping[str, Any]) -> Recipe:
     """Return a recipe with other values for some keys.
 
@@ -36,6 +38,7 @@ def varied(recipe: Recipe, changes: Mapping[str, Any]) -> Recipe:
     return make(**tables)
 
 
+@gated
 def with_images(recipe: Recipe, **changes: Any) -> Recipe:
     """Return a recipe whose table of images has other values for some keys.
 

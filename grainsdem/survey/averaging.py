@@ -8,6 +8,7 @@ import numpy as np
 
 from grainsdem.dynamics.ensembles import half_width
 from grainsdem.errors import InputError
+from grainsdem.gate import gated
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -16,6 +17,7 @@ FIRST, LAST = "recipe", "n_seeds"
 """Columns of a survey's table that stand before and behind those that were varied."""
 
 
+@gated
 def means(table: NDArray[np.void]) -> NDArray[np.void]:
     """Return the mean of each case of a survey over its repeats, and how far it may be off.
 

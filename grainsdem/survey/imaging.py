@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import grainsdem
 from grainsdem.atomic import replacing
 from grainsdem.errors import InputError, WriteError
+from grainsdem.gate import gated
 from grainsdem.measures import write_table
 from grainsdem.measures.planform.counting import names_of_percentiles
 from grainsdem.recipe import varied
@@ -42,6 +43,7 @@ TRUTH, ABOUT = "truth.csv", "images.json"
 """The table of a set, and what says of which set a folder's images are."""
 
 
+@gated
 def images(
     recipe: Recipe,
     folder: str | os.PathLike[str],

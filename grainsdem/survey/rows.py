@@ -12,6 +12,7 @@ import numpy as np
 
 from grainsdem.atomic import replacing
 from grainsdem.errors import FileFormatError, MissingFileError
+from grainsdem.gate import gated
 
 if TYPE_CHECKING:
     import os
@@ -46,6 +47,7 @@ def read_rows(path: Path) -> tuple[list[str], list[list[str]]]:
     return header, rows
 
 
+@gated
 def load(path: str | os.PathLike[str]) -> NDArray[np.void]:
     """Return a survey's table as a structured array; numbers where a column has nothing else.
 

@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING
 
 from grainsdem.errors import InputError, MissingFileError
 from grainsdem.figures.frame import check_suffix, drawing
+from grainsdem.gate import gated
 
 if TYPE_CHECKING:
     import os
     from collections.abc import Sequence
 
 
+@gated
 def contact_sheet(
     pictures: Sequence[str | os.PathLike[str]],
     path: str | os.PathLike[str],

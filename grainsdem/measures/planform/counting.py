@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.errors import InputError
+from grainsdem.gate import gated
 from grainsdem.geometry.forms.sizes import weighted_percentiles
 from grainsdem.geometry.integrals import integrate
 from grainsdem.measures.planform.truth import planform_table, projected_areas, true_sizes
@@ -35,6 +36,7 @@ STONE = np.dtype(
 """Columns of `pebble_count`."""
 
 
+@gated
 def pebble_count(
     view: Planform,
     packing: Packing,
@@ -98,6 +100,7 @@ def pebble_count(
     return counted
 
 
+@gated
 def size_percentiles(
     rows: NDArray[np.void], packing: Packing, stones: NDArray[np.void], *, least_pixels: int = 1
 ) -> dict[str, float]:
