@@ -20,7 +20,7 @@ class ArgumentError(InputError, TypeError):
     """An argument is of another kind than its function takes; the message gives both."""
 
 
-class ShapeError(GrainsDEMError, ValueError):
+class ShapeError(InputError):
     """An array has the wrong shape, type or offsets; the message gives both."""
 
 

@@ -49,7 +49,6 @@ NOUNS = {
     "Surroundings": "Surroundings",
     "Survey": "Survey",
     "Tessellation": "Tessellation",
-    "View": "View",
     "Voxels": "Voxels",
 }
 """Nouns that signatures name, and how an error names what is allowed. They are known by the names of their classes: the
@@ -129,7 +128,7 @@ def gated(function: Function, *, leave: Container[str] = ()) -> Function:
             if shapes:
                 _hold_shapes(shapes, {**dict(zip(names, given, strict=False)), **kwargs})
             return function(*given, **kwargs)
-        kind = ShapeError if "array" in words[name] else ArgumentError
+        kind = ShapeError if words[name].startswith("an array") else ArgumentError
         raise kind(f"{name} must be {words[name]}; {reason}")
 
     return held  # type: ignore[return-value]  # it takes and returns what the function does
@@ -146,8 +145,10 @@ def shapes_of(function: Callable[..., Any]) -> dict[str, list[tuple[str, ...]]]:
     """Return the shapes that the docstring allows of arrays, each a tuple of numbers and letters; one is enough."""
     head = (function.__doc__ or "").partition("\n    Returns\n")[0]
     found = {}
-    for names, _, text in _TOLD.findall(head):
+    for names, before, text in _TOLD.findall(head):
         shapes = [tuple(word for word in re.split(r", ?", inner) if word) for inner in _ONE.findall(f"shape {text}")]
+        if "float" in before:  # one number for all, which an array of no axes is too
+            shapes.insert(0, ())
         if shapes:
             found.update(dict.fromkeys(names.split(", "), shapes))
     return found
@@ -158,7 +159,7 @@ def _hold_shapes(shapes: Mapping[str, list[tuple[str, ...]]], given: Mapping[str
     sizes: dict[str, tuple[int, str]] = {}
     for name, allowed in shapes.items():
         value = given.get(name)
-        if not isinstance(value, np.ndarray):
+        if not isinstance(value, np.ndarray) or value.shape == (0,):  # of none at all the function tells what it needs
             continue
         words = " or ".join(f"({', '.join(shape)}{',' if len(shape) == 1 else ''})" for shape in allowed)
         fit = next((shape for shape in allowed if _is_of(value.shape, shape)), None)
@@ -298,8 +299,8 @@ def _together(parts: list[Known]) -> Known:
             raise _Unfit
         return tuple(one(item) for (_, one), item in zip(parts, items, strict=True))
 
-    words = ", ".join(words for words, _ in parts)
-    return f"{len(parts)} values ({words})", check
+    kinds = list(dict.fromkeys(words for words, _ in parts))
+    return f"{len(parts)} values, each {kinds[0]}" if len(kinds) == 1 else f"values: {', '.join(kinds)}", check
 
 
 def _number(value: Any) -> float:
@@ -407,6 +408,8 @@ def _array(value: Any) -> Any:
         return value
     if isinstance(value, str | bytes | Mapping) or value is None or callable(value):
         raise _Unfit
+    if isinstance(value, np.ma.MaskedArray):
+        raise _Unfit("got a masked array, whose masked values have no meaning here")
     try:
         made = np.asarray(value)
     except (TypeError, ValueError, OverflowError):

@@ -183,7 +183,7 @@ def test_the_unit_of_length_moves_the_place_of_a_fit_and_nothing_else(factor):
 @pytest.mark.parametrize(
     ("sizes", "family", "confidence", "error", "match"),
     [
-        (np.ones((3, 4)), "normal", 0.95, ShapeError, r"shape \(n,\); got \(3, 4\)"),
+        (np.ones((3, 4)), "normal", 0.95, ShapeError, r"shape \(n,\); got shape \(3, 4\)"),
         (np.arange(1.0, 6.0), "normal", 0.95, InputError, "10 sizes or more; got 5"),
         (np.arange(20.0), "normal", 0.95, InputError, "positive and finite; 1 of 20"),
         (np.full(20, 2e-3), "log-hyperbolic", 0.95, InputError, "all 20 sizes are 0.002 m"),

@@ -95,7 +95,7 @@ def test_families_compare_by_the_same_criterion_from_sieves_too():
 @pytest.mark.parametrize(
     ("bounds", "counts", "error", "match"),
     [
-        ([0, 1, 2], [1, 2, 3], ShapeError, r"got \(3,\) and \(3,\)"),
+        ([0, 1, 2], [1, 2, 3], ShapeError, r"got shape \(3,\) beside bounds of shape \(3,\)"),
         ([0, 2, 1, 3, 4, 5], [1] * 5, InputError, r"must rise from 0 or more, only the last infinite; got \[0.0, 2.0"),
         ([-1, 2, 3, 4, 5, 6], [1] * 5, InputError, "must rise from 0 or more"),
         ([0, 2, 3, 4, 5, 6], [1, 1, 1, -1, 1], InputError, "zero or more; got"),
@@ -203,5 +203,5 @@ def test_in_a_gap_a_percentile_is_in_its_middle_and_in_an_open_class_it_is_refus
         sieve_statistics(bounds, [4, 34, 30, 20, 12])
     with pytest.raises(InputError, match="must not all be zero"):
         sieve_statistics(bounds, [0] * 5)
-    with pytest.raises(ShapeError, match=r"got \(6,\) and \(4,\)"):
+    with pytest.raises(ShapeError, match=r"got shape \(4,\) beside bounds of shape \(6,\)"):
         sieve_statistics(bounds, [1] * 4)

@@ -72,7 +72,7 @@ def test_in_a_plane_the_trend_is_that_of_the_long_side():
 
 
 def test_what_has_no_direction_is_refused(bricks):
-    with pytest.raises(ShapeError, match=r"shape \(n, 3\); got \(3,\)"):
+    with pytest.raises(ShapeError, match=r"shape \(n, 3\); got shape \(3,\)"):
         gd.trend_and_plunge([1, 0, 0])
     with pytest.raises(InputError, match="'a', 'b' or 'c'; got 'x'"):
         gd.orientation_tensor(bricks[0], "x")

@@ -49,8 +49,8 @@ def test_values_of_no_weight_change_nothing():
     ("values", "q", "weights", "error", "match"),
     [
         ([], 50, None, InputError, "at least one value"),
-        ([[1.0]], 50, None, ShapeError, r"same shape \(n,\)"),
-        ([1.0, 2.0], 50, [1.0], ShapeError, r"got \(2,\) and \(1,\)"),
+        ([[1.0]], 50, None, ShapeError, r"of shape \(n,\); got shape \(1, 1\)"),
+        ([1.0, 2.0], 50, [1.0], ShapeError, r"got shape \(1,\) beside values of shape \(2,\)"),
         ([1.0, np.nan], 50, None, InputError, "1 of 2 are not"),
         ([1.0], 101, None, InputError, r"lie in \[0, 100\]; got 101"),
         ([1.0], [np.nan], None, InputError, r"lie in \[0, 100\]"),

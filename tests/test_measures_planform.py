@@ -340,14 +340,14 @@ def test_odd_requests_are_refused(bed, seen, cube, tmp_path):
         ({"pixel": 1e-6}, "at most 1073741824 pixels; got 1000000 × 800000"),
         ({"region": ([0, 0], [0, 1])}, "corners of a rectangle"),
         ({"region": ([0, 0, 0], [1, 1, 1])}, "corners of a rectangle"),
-        ({"region": "all"}, "corners of a rectangle"),
+        ({"region": "all"}, "region must be 2 values, each an array of numbers or None; got 'all'"),
     ):
         with pytest.raises(InputError, match=match):
             planform(bed, **options)
     for options, match in (
         ({"light": [0, 0, -1]}, "above the horizon"),
         ({"light": [1, 0, 0]}, "above the horizon"),
-        ({"light": [1, 0]}, "light.2: missing"),
+        ({"light": [1, 0]}, "3 values, each a number"),
         ({"ambient": 1.5}, r"ambient: .*less than or equal to 1; got 1\.5"),
         ({"brightness": 0}, "brightness: .*greater than 0"),
         ({"noise": -1}, "noise: .*greater than or equal to 0"),

@@ -69,8 +69,8 @@ def test_a_periodic_tessellation_leaves_no_void_in_a_box_across_its_cells():
     ("region", "match"),
     [
         ("cells", "left the cells"),
-        ("hull", "must be 'cells', 'domain' or the two corners"),
-        (3.0, "the two corners of a box; got 3.0"),
+        ("hull", "region must be 'cells' or 'domain' or 2 values, each an array of numbers; got 'hull'"),
+        (3.0, "each an array of numbers; got 3.0"),
         (([0, 0, 0], [1, 1, -1]), "upper corner must lie above"),
     ],
 )

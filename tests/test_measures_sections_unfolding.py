@@ -103,7 +103,7 @@ def test_the_table_of_a_section_is_unfolded_by_its_polygons_that_count(tmp_path)
 def test_what_cannot_be_unfolded_gets_one_line(tmp_path):
     with pytest.raises(InputError, match="50 sections or more; got 3"):
         gd.unfold([1.0, 2.0, 3.0])
-    with pytest.raises(ShapeError, match=r"shape \(n,\); got \(60, 1\)"):
+    with pytest.raises(ShapeError, match=r"shape \(n,\); got shape \(60, 1\)"):
         gd.unfold(np.ones((60, 1)))
     with pytest.raises(InputError, match="positive and finite; got 0"):
         gd.unfold(np.zeros(60))

@@ -442,7 +442,7 @@ def test_odd_requests_are_refused(periodic):
         ({"size": 1e-4}, "at most 4294967296 voxels are held in memory; got 10000 × 10000 × 10000"),
         ({"size": 1e-12}, "at most 2147483647 voxels along an axis"),
         ({"region": ([0, 0, 0], [1, 1, -1])}, "upper corner must lie above"),
-        ({"region": 3}, "two corners of a box; got 3"),
+        ({"region": 3}, "2 values, each an array of numbers or None; got 3"),
     ):
         with pytest.raises(InputError, match=match):
             voxelize(periodic, **options)

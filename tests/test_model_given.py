@@ -75,6 +75,8 @@ def test_what_needs_a_packing_says_so_where_it_is_given_the_grains_alone(name, c
         for p in inspect.signature(measure).parameters.values()
         if p.default is p.empty and p.kind is not p.VAR_KEYWORD
     }
+    # First of all, so that it is what is told.
+    words = {"packing": words["packing"], **words}
     with pytest.raises(InputError, match="packing must be a Packing; got something of type Polyhedra"):
         measure(**words)
     assert list(tmp_path.iterdir()) == []

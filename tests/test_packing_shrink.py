@@ -101,10 +101,10 @@ def test_grains_in_cells_that_are_not_known_can_shrink_about_points_in_themselve
         ({"void_ratio": np.inf}, "void_ratio must be zero or more and finite; got inf"),
         ({"solid_fraction": 0.0}, r"solid_fraction must lie in \(0, 1\]; got 0"),
         ({"solid_fraction": 0.5, "void_ratio": 1.0}, "got solid_fraction=0.5, void_ratio=1.0"),
-        ({"scale": 0.5, "about": "middle"}, "'centroid', 'seed', 'vertex_mean'"),
+        ({"scale": 0.5, "about": "middle"}, "'centroid', 'seed' or 'vertex_mean' or an array of numbers; got 'middle'"),
         ({"scale": 0.5, "about": [[0, 0, 0]]}, "finite points"),
-        ({"porosity": 0.5, "region": "hull"}, "'cells', 'domain' or the two corners"),
-        ({"porosity": 0.5, "region": 3}, "'cells', 'domain' or the two corners"),
+        ({"porosity": 0.5, "region": "hull"}, "'cells' or 'domain' or 2 values"),
+        ({"porosity": 0.5, "region": 3}, "'cells' or 'domain' or 2 values"),
     ],
 )
 def test_what_cannot_be_is_refused_with_what_is_allowed(fresh, options, words):

@@ -105,7 +105,7 @@ def test_values_that_are_no_density_are_refused(density, words):
 
 @pytest.mark.parametrize("density", [[1.0, 2.0], np.ones((2, 2, 2, 2)), np.empty((0, 3)), "much", [[1], [2, 3]]])
 def test_arrays_of_another_shape_are_refused(density):
-    with pytest.raises(ShapeError, match="two or three axes"):
+    with pytest.raises(ShapeError, match=r"density must be an array of numbers|two or three axes"):
         from_density(BOX, 5, density)
 
 

@@ -136,8 +136,11 @@ def test_the_scale_of_greys_and_of_colours_without_opacity_does_not_matter(scale
 
 def test_truth_values_are_an_image_and_complex_or_masked_numbers_are_none():
     np.testing.assert_array_equal(image_density(RAMP > 99), image_density(np.where(RAMP > 99, 7, 3)))
-    for given in (RAMP.astype(complex), np.ma.masked_greater(RAMP, 200)):
-        with pytest.raises(ShapeError, match="real numbers, none of them masked"):
+    for given, words in (
+        (RAMP.astype(complex), "complex numbers"),
+        (np.ma.masked_greater(RAMP, 200), "a masked array"),
+    ):
+        with pytest.raises(InputError, match=f"image must be a path or an array of numbers; got {words}"):
             image_density(given)
 
 

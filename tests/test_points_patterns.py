@@ -202,7 +202,7 @@ def test_a_description_is_what_its_parts_say(domain):
     ("radii", "words"),
     [
         ([], "one row of finite numbers"),
-        ([[0.1]], "one row of finite numbers"),
+        ([[0.1]], r"shape \(m,\); got shape \(1, 1\)"),
         ([np.nan], "one row of finite numbers"),
         ([0.0, 0.1], "rise from above 0 m"),
         ([0.2, 0.1], "rise from above 0 m"),

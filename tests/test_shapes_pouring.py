@@ -179,7 +179,7 @@ def test_odd_input_is_refused_in_a_line(kinds):
     slab = Domain.slab((1.0, 1.0), 0.1)
     cases = [
         (([], 1.0), {"n": 2}, "shapes must be one or more"),
-        ((["cube"], 1.0), {"n": 2}, "shapes are Polyhedra or what gd.shapes.read returns; got str"),
+        ((["cube"], 1.0), {"n": 2}, r"a sequence, each of a Polyhedra or a Scans; got \['cube'\]"),
         ((dented, 1.0), {"n": 2}, "closed and convex.*not so: 0"),
         ((inward, 1.0), {"n": 2}, "volumes above zero"),
         ((cube, [1.0, -1.0]), {}, "sizes must be positive and finite; those of grains 1"),
@@ -188,7 +188,7 @@ def test_odd_input_is_refused_in_a_line(kinds):
         ((cube, stats.norm(0, 1)), {"n": 9}, "sizes must be positive"),
         ((cube, 1.0), {"n": 0}, "one or more; got n = 0"),
         ((kinds, 1.0), {"n": 2, "shares": [0, 0, 0]}, "one above it"),
-        ((kinds, 1.0), {"n": 2, "by": "volume"}, "by 'number' or by 'mass'; got by = 'volume'"),
+        ((kinds, 1.0), {"n": 2, "by": "volume"}, "by must be 'number' or 'mass'; got 'volume'"),
         ((cube, 1.0), {"n": 2, "density": -1}, "density must be positive"),
         ((cube, 1.0), {"n": 2, "solid_fraction": 0.7}, r"in \(0, 0.6\); got 0.7"),
         ((cube, 1.0, slab), {"n": 2}, "the domain is a slab"),

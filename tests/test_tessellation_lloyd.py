@@ -176,7 +176,7 @@ def test_options_that_make_no_sense_are_refused():
         relax(seeds, domain, density=-np.ones((2, 2, 2)))
     with pytest.raises(InputError, match="density must not be zero everywhere"):
         relax(seeds, domain, density=np.zeros((2, 2, 2)))
-    with pytest.raises(ShapeError, match=r"voxels must have three axes; got shape \(2, 2\)"):
+    with pytest.raises(ShapeError, match=r"shape \(nx, ny, nz\); got shape \(2, 2\)"):
         relax(seeds, domain, density=np.ones((2, 2)))
     with pytest.raises(ShapeError, match="the density must return shape"):
         relax(seeds, domain, density=lambda x: x)

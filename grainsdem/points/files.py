@@ -71,7 +71,7 @@ def write(seeds: ArrayLike, path: str | os.PathLike[str]) -> Path:
 
     Parameters
     ----------
-    seeds : array_like, shape (n, 3) or (n, 2) or (n, 2)
+    seeds : array_like, shape (n, 3) or (n, 2)
         Positions [m].
     path : str or path-like
         ``.txt``, ``.dat``, ``.xyz``, ``.csv`` (with a header) or ``.npy``.

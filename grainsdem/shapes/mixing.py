@@ -62,9 +62,6 @@ def kinds_of(given: Polyhedra | Scans | Sequence[Polyhedra | Scans]) -> Kinds:
     """
     entries = [given] if isinstance(given, Polyhedra | Scans) else list(given)
     sets = [entry.shapes if isinstance(entry, Scans) else entry for entry in entries]
-    for one in sets:
-        if not isinstance(one, Polyhedra):
-            raise InputError(f"shapes are Polyhedra or what gd.shapes.read returns; got {type(one).__name__}")
     sizes = [len(one) for one in sets]
     if not sizes or 0 in sizes:
         raise InputError("shapes must be one or more; got none")

@@ -76,7 +76,7 @@ def pack(
     shapes : Polyhedra, Scans, or a sequence of them
         Convex shapes of any size. Of a sequence each entry is one kind: of an entry of many shapes every grain of that
         kind has one, drawn at random. Of a single set of shapes each shape is a kind.
-    sizes : array_like, shape (n,), or a law
+    sizes : float, array_like, shape (n,), or a law
         Diameter [m] of the sphere of each grain's volume; or one for all, or a distribution with quantiles (``ppf``, as
         those of `scipy.stats` have) that ``n`` grains take at equal steps of probability.
     domain : Domain, optional
