@@ -359,7 +359,7 @@ def test_odd_requests_are_refused(bed, seen, cube, tmp_path):
         ({"lens": [-0.4, 0.0]}, r"farther out farther out.*got k1 = -0\.4"),
         ({"lens": [0.1, np.nan]}, r"lens\.1: .*finite number"),
         ({"texture": 1.0}, "texture: .*less than 1"),
-        ({"wet": "yes"}, "wet: .*boolean"),
+        ({"wet": "yes"}, "wet must be true or false; got 'yes'"),
         ({"colors": "kryptonite"}, "stones must be among quartz, .*; got kryptonite"),
         ({"colors": "quartz:much"}, "share is a number"),
         ({"colors": [[0.5, 0.4, 1.2]]}, "reflectances above 0, at most 1"),

@@ -260,7 +260,7 @@ def test_odd_planes_are_refused(cube, tmp_path):
     ):
         with pytest.raises(InputError, match=match):
             call()
-    with pytest.raises(ShapeError, match=r"marks must be points of shape \(k, 3\); got \(2,\)"):
+    with pytest.raises(ShapeError, match=r"shape \(k, 3\); got shape \(2,\)"):
         section_figure(section(cube, z=2), tmp_path / "a.png", marks=[1.0, 2.0])
     with pytest.raises(FileFormatError, match=r"written as \.png"):
         section_figure(section(cube, z=2), tmp_path / "a.svg")
