@@ -54,8 +54,12 @@ NOUNS = {
 """Nouns that signatures name, and how an error names what is allowed. They are known by the names of their classes: the
 door stands below them all, and a module that names one for its types alone need not import it."""
 
-METHODS = {"Distribution": "cdf", "Law": "ppf"}
-"""What is anything that has a certain method, as frozen distributions of `scipy.stats` have."""
+METHODS = {
+    "Distribution": ("cdf", "a law such as a frozen distribution of scipy.stats"),
+    "Law": ("ppf", "a law such as a frozen distribution of scipy.stats"),
+    "Monitor": ("stage", "a Monitor, which has stages"),
+}
+"""What is anything that has a certain method, and how an error names it."""
 
 MEMBERS = {"Grains": ("Packing", "Polyhedra")}
 """Names that stand for several nouns."""
@@ -271,7 +275,8 @@ def _either(node: ast.BinOp, aliases: Mapping[str, Any]) -> Known | None:
 
 def _noun(name: str) -> Known:
     if name in METHODS:
-        return "a law such as a frozen distribution of scipy.stats", _has(METHODS[name])
+        method, allowed = METHODS[name]
+        return allowed, _has(method)
     members = MEMBERS.get(name, (name,))
     words = NOUNS[name]
 

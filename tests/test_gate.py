@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.unit
 
 FUNCTIONS = fuzzing.functions()
-STRUCTURAL = {"colors", "monitor", "options", "relation", "drive", "region", "color_by"}
+STRUCTURAL = {"colors", "options", "relation", "drive", "region", "color_by"}
 """Arguments that are known by what they can do, or by more than one kind of which one is no type."""
 
 

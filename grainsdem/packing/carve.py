@@ -66,7 +66,10 @@ def carve(
     """
     if keep not in ("inside", "all"):
         raise InputError(f"keep must be 'inside' or 'all'; got {keep!r}")
-    densities = np.broadcast_to(np.asarray(density, dtype=np.float64), (len(cells),))
+    given = np.asarray(density, dtype=np.float64)
+    if given.shape not in ((), (len(cells),)):
+        raise ShapeError(f"density must be one number, or one for each of {len(cells)} cells; got shape {given.shape}")
+    densities = np.broadcast_to(given, (len(cells),))
     if not (np.isfinite(densities).all() and (densities > 0).all()):
         raise InputError(f"density must be positive and finite; got {float(densities.min())}")
     # A Laguerre cell may be empty: it is no grain.

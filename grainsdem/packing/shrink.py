@@ -13,6 +13,7 @@ from grainsdem.geometry.clipping import box_planes, solid_volume
 from grainsdem.geometry.forms.sizes import grain_diameters, weighted_percentiles
 from grainsdem.geometry.integrals import volumes
 from grainsdem.geometry.rotations import to_matrices
+from grainsdem.model.arrays import LONGEST, SHORTEST
 from grainsdem.packing.inset import OUT, set_apart, slacks
 from grainsdem.ragged import owners, sum_rows
 from grainsdem.roots import cube_roots, raised
@@ -255,8 +256,8 @@ def rescale(packing: Packing, factor: float) -> Packing:
     InputError
         If the factor is not positive and finite.
     """
-    if not (np.isfinite(factor) and factor > 0):
-        raise InputError(f"factor must be positive and finite; got {factor}")
+    if not SHORTEST <= factor <= LONGEST:
+        raise InputError(f"factor must be positive and finite, {SHORTEST:g} to {LONGEST:g}; got {factor}")
     links = packing.links
     return replace(
         packing,

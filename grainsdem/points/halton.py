@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from grainsdem.errors import InputError
+from grainsdem.errors import InputError, shown
 from grainsdem.gate import gated
 from grainsdem.points.poisson import check_count, place
 
@@ -63,15 +63,17 @@ def halton(
         If ``n`` is below 1, ``start`` below 0, or the bases are not a coprime number above 1 for each axis.
     """
     check_count(n)
-    if start < 0:
-        raise InputError(f"start must be 0 or more; got {start}")
+    if not 0 <= start < 2**62:
+        raise InputError(f"start must be 0 or more, below 2^62; got {shown(start)}")
     if (
         len(bases) not in ((2, 3) if domain.is_planar else (3,))
-        or min(bases) < 2
+        or not 2 <= min(bases) <= max(bases) < 2**31
         or math.lcm(*bases) != math.prod(bases)
     ):
         allowed = "two or three" if domain.is_planar else "three"
-        raise InputError(f"bases must be {allowed} whole numbers above 1 without a common factor; got {tuple(bases)}")
+        raise InputError(
+            f"bases must be {allowed} whole numbers above 1, below 2^31, without a common factor; got {shown(tuple(bases))}"
+        )
     shift = None if rng is None else np.random.default_rng(rng).random(len(bases))
     kept: list[NDArray[np.float64]] = []
     # One pass fills a box; where planes cut it, the sequence goes on until enough of it lies inside.

@@ -10,6 +10,7 @@ from grainsdem.errors import InputError
 from grainsdem.gate import gated
 from grainsdem.geometry.hulls import convex_hull, outline
 from grainsdem.geometry.integrals import volumes
+from grainsdem.memory import A_SEED, allow_memory
 from grainsdem.shapes.directions import spread
 from grainsdem.shapes.simplifying import FEWEST, simplified
 from grainsdem.shapes.sizing import centred, check_positive, scaled
@@ -122,3 +123,4 @@ def _of_volume(shape: Polyhedra, volume: float) -> Polyhedra:
 def _check_number(n_vertices: int) -> None:
     if n_vertices < FEWEST:
         raise InputError(f"a shape has {FEWEST} corners or more; got n_vertices = {n_vertices}")
+    allow_memory(n_vertices, A_SEED, "corners")

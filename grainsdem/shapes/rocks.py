@@ -14,6 +14,7 @@ from grainsdem.geometry.forms.boxes import standing_boxes
 from grainsdem.geometry.forms.outlines import outline_roundnesses
 from grainsdem.geometry.hulls import convex_hulls
 from grainsdem.geometry.selection import select
+from grainsdem.memory import A_SEED, allow_memory
 from grainsdem.ragged import owners
 from grainsdem.shapes.rounding import MOST_VERTICES, ROUNDNESS_TOLERANCE, searched
 from grainsdem.shapes.sizing import centred, check_positive, sized, together
@@ -101,6 +102,7 @@ def rock(
     stretched along the edges of its smallest box. Of that box faces and edges stay where they are, so that it has the
     proportions at once; where another box has become smaller by the stretch, the same is done with that one.
     """
+    allow_memory(float(max(n, 0)) * (n_vertices or N_VERTICES), A_SEED, "corners")
     wanted = _proportions(n, elongation, flatness)
     if roundness is not None and not 0 <= roundness <= 1:
         raise InputError(f"roundness must lie in [0, 1]; got {roundness}")

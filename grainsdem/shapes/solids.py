@@ -10,6 +10,7 @@ import numpy as np
 from grainsdem.errors import InputError
 from grainsdem.gate import gated
 from grainsdem.geometry.hulls import convex_hull
+from grainsdem.memory import A_SEED, allow_memory
 from grainsdem.shapes.sizing import centred, check_positive, sized
 
 if TYPE_CHECKING:
@@ -85,6 +86,7 @@ def prism(n: int, *, aspect: float = 1.0, diameter: float = 1.0) -> Polyhedra:
     if n < 3:
         raise InputError(f"the polygon of a prism has three sides or more; got {n}")
     check_positive(aspect=aspect, diameter=diameter)
+    allow_memory(n, A_SEED, "corners")
     angles = 2 * np.pi / n * np.arange(n)
     ring = np.column_stack([np.cos(angles), np.sin(angles)])
     height = aspect * 2 * np.sqrt(0.5 * n * np.sin(2 * np.pi / n) / np.pi)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from grainsdem.errors import InputError
+from grainsdem.errors import InputError, shown
 from grainsdem.gate import gated
 from grainsdem.geometry.ahead import compiled
 from grainsdem.points.check import check_seeds
@@ -36,6 +36,9 @@ if TYPE_CHECKING:
     from grainsdem.model import Domain
 
     Floats = NDArray[np.float64]
+
+MOST_ITERATIONS = 100_000
+"""Iterations: a lattice is nearer after some hundred than any tolerance of use."""
 
 
 class Relaxation(NamedTuple):
@@ -131,8 +134,8 @@ def relaxation(
     progress: Callable[[int], None] | None = None,
 ) -> Relaxation:
     """Return relaxed seeds and the history of their energy; for the parameters and errors see `relax`."""
-    if iterations < 0:
-        raise InputError(f"iterations must be zero or more; got {iterations}")
+    if not 0 <= iterations <= MOST_ITERATIONS:
+        raise InputError(f"iterations must be zero or more, at most {MOST_ITERATIONS}; got {shown(iterations)}")
     if not 0 < over_relaxation < 2:
         raise InputError(f"over_relaxation must lie between 0 and 2; got {over_relaxation}")
     if tolerance is not None and not tolerance >= 0:

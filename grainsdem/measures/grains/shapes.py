@@ -24,6 +24,7 @@ from grainsdem.geometry.forms.outlines import outline_roundnesses
 from grainsdem.geometry.forms.sizes import above_zero, grain_sphericities
 from grainsdem.geometry.integrals import integrate
 from grainsdem.model import Packing
+from grainsdem.model.arrays import LONGEST, SHORTEST
 from grainsdem.model.given import grains_of
 from grainsdem.roots import cube_roots
 
@@ -138,14 +139,35 @@ def roundness(grains: Grains) -> Floats:
 
 @gated
 def krumbein(axes: ArrayLike) -> Floats:
-    """Return Krumbein's intercept sphericity (b c / a²)^(1/3), shape (n,), of axes a >= b >= c, shape (n, 3)."""
+    """Return Krumbein's intercept sphericity (b c / a²)^(1/3), shape (n,), of axes a >= b >= c.
+
+    Parameters
+    ----------
+    axes : array_like, shape (n, 3)
+        Finite, or not a number where a grain has none.
+
+    Raises
+    ------
+    ShapeError, InputError
+        If the shape is another, or axes do not fall.
+    """
     a, b, c = _checked(axes).T
     return cube_roots(b * c / a**2)
 
 
 @gated
 def zingg(axes: ArrayLike) -> NDArray[np.str_]:
-    """Return the Zingg class of axes a >= b >= c, shape (n, 3): one of `ZINGG_CLASSES` a grain, empty for NaN.
+    """Return the Zingg class of axes a >= b >= c: one of `ZINGG_CLASSES` a grain, empty for NaN.
+
+    Parameters
+    ----------
+    axes : array_like, shape (n, 3)
+        Finite, or not a number where a grain has none.
+
+    Raises
+    ------
+    ShapeError, InputError
+        If the shape is another, or axes do not fall.
 
     Examples
     --------
@@ -161,7 +183,13 @@ def _checked(axes: ArrayLike) -> Floats:
     found = np.asarray(axes, dtype=np.float64)
     if found.ndim != 2 or found.shape[1] != 3:
         raise ShapeError(f"axes must have shape (n, 3); got {found.shape}")
-    falling = (found[:, 0] >= found[:, 1]) & (found[:, 1] >= found[:, 2]) & (found[:, 2] > 0)
+    falling = (
+        (found[:, 0] <= LONGEST)
+        & (found[:, 2] >= SHORTEST)
+        & (found[:, 0] >= found[:, 1])
+        & (found[:, 1] >= found[:, 2])
+        & (found[:, 2] > 0)
+    )
     bad = np.flatnonzero(~falling & ~np.isnan(found).any(axis=1))
     if bad.size:
         raise InputError(f"axes must be a >= b >= c > 0; {bad.size} rows are not: {name_offenders(bad)}")

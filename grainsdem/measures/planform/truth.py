@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from grainsdem.errors import InputError
+from grainsdem.errors import InputError, name_offenders
 from grainsdem.gate import gated
 from grainsdem.geometry.forms.sizes import grain_diameters, weighted_percentiles
 from grainsdem.geometry.integrals import face_planes, integrate
@@ -131,6 +131,9 @@ def planform_bias(rows: NDArray[np.void], packing: Packing, *, least_pixels: int
     by mass from the volume, for grains that do not hide one another (Kellerhals and Bray 1971). What hides them makes
     up the rest of ``area_bias``.
     """
+    lacking = {"id", "is_cut", "n_pixels", "b", "apparent_b", "visible_area"} - set(rows.dtype.names or ())
+    if lacking:
+        raise InputError(f"rows must be what planform_table returns; they lack {name_offenders(sorted(lacking))}")
     if rows["id"].max(initial=-1) >= len(packing):
         raise InputError(f"the table must be of this packing of {len(packing)} grains; it has grain {rows['id'].max()}")
     rows = rows[~rows["is_cut"] & (rows["n_pixels"] >= least_pixels)]

@@ -12,6 +12,7 @@ from grainsdem.geometry.bounds import boxes
 from grainsdem.geometry.raster.copies import copies
 from grainsdem.measures.sections.planes import cut, find_plane
 from grainsdem.measures.sections.tables import section_summary
+from grainsdem.memory import A_SEED, allow_memory
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -84,6 +85,7 @@ def _levels(packing: Packing, places: int | ArrayLike, axis: int) -> NDArray[np.
     n = int(places)  # type: ignore[arg-type]  # no array, so a number
     if n < 1:
         raise InputError(f"places must be one level at least; got {n}")
+    allow_memory(n, A_SEED, "levels")
     domain = packing.domain
     if domain.periodic[axis]:
         low, high = float(domain.lower[axis]), float(domain.upper[axis])
