@@ -126,5 +126,5 @@ def test_krumbeins_sphericity_and_zinggs_class_follow_from_the_axes():
     assert zingg(axes).tolist() == ["spheroid", "rod", "disc", "blade", ""]
     with pytest.raises(InputError, match="a >= b >= c > 0; 2 rows are not: 0, 1"):
         zingg([[1, 2, 3], [1, 1, 0]])
-    with pytest.raises(ShapeError, match=r"\(n, 3\); got \(3,\)"):
+    with pytest.raises(ShapeError, match=r"\(n, 3\); got shape \(3,\)"):
         krumbein([3.0, 2.0, 1.0])

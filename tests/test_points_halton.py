@@ -44,8 +44,8 @@ def test_a_planar_domain_takes_two_bases_or_three():
 @pytest.mark.parametrize(
     ("domain", "bases", "words"),
     [
-        (Domain.cube(), (2, 3), r"three whole numbers above 1 .*; got \(2, 3\)"),
-        (SLAB, (2,), r"two or three whole numbers above 1 .*; got \(2,\)"),
+        (Domain.cube(), (2, 3), r"three whole numbers above 1, .*; got \(2, 3\)"),
+        (SLAB, (2,), r"two or three whole numbers above 1, .*; got \(2,\)"),
         (SLAB, (2, 2), "without a common factor"),
         (SLAB, (0, 3), "above 1"),
         (Domain.cube(), (), "three whole numbers"),

@@ -166,7 +166,7 @@ def test_what_is_no_shape_is_refused_in_a_line():
     shapes = gd.shapes
     cases = [
         (lambda: shapes.platonic("sphere"), "one of tetrahedron, .*got 'sphere'"),
-        (lambda: shapes.box(1, -1, 1), "b must be positive and finite; got -1"),
+        (lambda: shapes.box(1, -1, 1), "b must be positive and finite, 1e-30 to 1e\\+30 m; got -1"),
         (lambda: shapes.prism(2), "three sides or more; got 2"),
         (lambda: shapes.ellipsoid(1, 1, np.nan), "c must be positive"),
         (lambda: shapes.ellipsoid(1, 1, 1, n_vertices=3), "4 corners or more; got n_vertices = 3"),

@@ -14,6 +14,7 @@ from grainsdem.figures.frame import check_suffix
 from grainsdem.figures.scene import set_scene
 from grainsdem.figures.windows import find_window, using
 from grainsdem.gate import gated
+from grainsdem.looks import View  # noqa: TC001  (read at the door: `grainsdem.gate`)
 
 if TYPE_CHECKING:
     import os
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from grainsdem.figures.scene import Scene
-    from grainsdem.looks import View
     from grainsdem.model import Packing
 
 logger = logging.getLogger(__name__)

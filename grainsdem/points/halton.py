@@ -67,12 +67,13 @@ def halton(
         raise InputError(f"start must be 0 or more, below 2^62; got {shown(start)}")
     if (
         len(bases) not in ((2, 3) if domain.is_planar else (3,))
-        or not 2 <= min(bases) <= max(bases) < 2**31
+        or not 2 <= min(bases) <= max(bases) < 2**62
         or math.lcm(*bases) != math.prod(bases)
     ):
         allowed = "two or three" if domain.is_planar else "three"
         raise InputError(
-            f"bases must be {allowed} whole numbers above 1, below 2^31, without a common factor; got {shown(tuple(bases))}"
+            f"bases must be {allowed} whole numbers above 1, below 2^62, without a common factor; "
+            f"got {shown(tuple(bases))}"
         )
     shift = None if rng is None else np.random.default_rng(rng).random(len(bases))
     kept: list[NDArray[np.float64]] = []

@@ -16,6 +16,7 @@ from grainsdem.figures.motion.videos import find_ffmpeg, write_film
 from grainsdem.figures.renders import painting
 from grainsdem.figures.scene import set_scene
 from grainsdem.gate import gated
+from grainsdem.looks import View  # noqa: TC001  (read at the door: `grainsdem.gate`)
 from grainsdem.measures import diameters
 from grainsdem.packing.carve import subset
 
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from grainsdem.figures.scene import Scene
-    from grainsdem.looks import View
     from grainsdem.model import Packing, Surroundings
 
     Floats = NDArray[np.float64]

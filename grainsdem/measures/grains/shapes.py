@@ -183,13 +183,8 @@ def _checked(axes: ArrayLike) -> Floats:
     found = np.asarray(axes, dtype=np.float64)
     if found.ndim != 2 or found.shape[1] != 3:
         raise ShapeError(f"axes must have shape (n, 3); got {found.shape}")
-    falling = (
-        (found[:, 0] <= LONGEST)
-        & (found[:, 2] >= SHORTEST)
-        & (found[:, 0] >= found[:, 1])
-        & (found[:, 1] >= found[:, 2])
-        & (found[:, 2] > 0)
-    )
+    a, b, c = found.T
+    falling = (a <= LONGEST) & (a >= b) & (b >= c) & (c >= SHORTEST)
     bad = np.flatnonzero(~falling & ~np.isnan(found).any(axis=1))
     if bad.size:
         raise InputError(f"axes must be a >= b >= c > 0; {bad.size} rows are not: {name_offenders(bad)}")
