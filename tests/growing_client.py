@@ -13,10 +13,11 @@ import exporters
 from grainsdem import points
 from grainsdem.model import Domain, Grading
 from grainsdem.packing import carve, jitter_throats, shrink, shuffle
-from grainsdem.tessellation import graded_cells, relax, sized_cells, tessellate
+from grainsdem.tessellation import Forms, graded_cells, mixed_cells, relax, sized_cells, tessellate
 
 DOMAIN = Domain.cube(0.02)
 CURVE = Grading([0.5e-3, 1e-3, 2e-3], [0.0, 0.4, 1.0])
+FORMS = Forms(elongation=0.7, flatness=0.7, orientation="aligned", spread=0.3, dip=0.3)
 OTHERS = {"grains", "lammps", "yade", "sdf"}
 """Tables and formats with principal axes, which LAPACK finds with the processor's own last bit."""
 
@@ -68,6 +69,7 @@ def grown(n):
         "sized": digest(sized_cells(DOMAIN, sizes, rng=1).cells.vertices),
         "graded": digest(graded_cells(DOMAIN, CURVE, n=4 * n, rng=1).cells.cells.vertices),
         "sieved": digest(graded_cells(DOMAIN, replace(CURVE, diameter="sieve"), n=4 * n, rng=1).cells.cells.vertices),
+        "mixed": digest(mixed_cells(DOMAIN, FORMS, n=4 * n, curve=CURVE, rng=1).cells.cells.vertices),
         "planar": digest(sized_cells(Domain.slab((0.02, 0.02), 1e-3), sizes, rng=1).cells.vertices),
         "shuffled": digest(shuffle(bed, rng=1).quaternions, shuffle(bed, rng=1).positions),
         "cylinder": digest(shrink(carve(prisms, keep="all"), porosity=0.5).grains.vertices),

@@ -15,6 +15,8 @@ from grainsdem.recipe.grains import Layers, laid_out, shape, size_ratio, sized
 from grainsdem.recipe.seeds import place
 from grainsdem.recipe.words import Monitor, Silent, counting_words
 from grainsdem.tessellation import relax, shaped_cells, tessellate
+from grainsdem.tessellation.graded import Wish
+from grainsdem.tessellation.mixed import Asked, reshaped
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -23,7 +25,7 @@ if TYPE_CHECKING:
 
     from grainsdem.model import Domain, Packing, Tessellation
     from grainsdem.recipe.tables import Recipe
-    from grainsdem.tessellation import Metric
+    from grainsdem.tessellation import Forms, Metric
 
 LOG = logging.getLogger(__name__)
 
@@ -74,7 +76,7 @@ def stream(recipe: Recipe, stage: int) -> np.random.Generator:
     return np.random.default_rng([recipe.rng, stage])
 
 
-SEEDS, _THROATS, _SIZES, _SHAPES = 0, 2, 3, 5  # stage 1 is pouring
+SEEDS, _THROATS, _SIZES, _SHAPES, _FORMS = 0, 2, 3, 5, 6  # stage 1 is pouring
 
 
 def _grown(
@@ -90,6 +92,10 @@ def _grown(
     growth = _Growth(recipe, seeds, monitor, is_pilot=is_pilot)
     if grains.axes is None:
         cells = growth.grow(domain, None)
+    elif grains.axes.is_mixed:
+        cells = growth.grow(domain, None)
+        # The number of seeds that a size takes hangs on no form.
+        cells = cells if is_pilot else growth.mix(cells, grains.axes.forms())
     else:
         cells, _ = shaped_cells(domain, grains.axes.shape(), growth.grow, keep=grains.keep)
     packing = shape(
@@ -134,6 +140,32 @@ class _Growth:
             else:
                 cells, self.wanted = sized(asked, seeds, domain, rng, keep=keep, metric=metric, progress=told)
             return cells
+
+    def mix(self, cells: Tessellation, forms: Forms) -> Tessellation:
+        """Return the cells given forms of their own."""
+        grains, monitor = self._recipe.grains, self._monitor
+        asked = None
+        source = grains.prescribed
+        if self.wanted is not None and source is not None:
+            has_curve = not (isinstance(source, Layers) or source.is_list)
+            wish = Wish(source.curve(), cells.domain, None) if has_curve else None  # type: ignore[union-attr]
+            asked = Asked(self.wanted, wish)
+        with monitor.stage("Giving grains their forms") as tell:
+
+            def told(done: int, off: float) -> None:
+                tell(done / (done + 1), f"round {done}, off by {off:.2g} of what is allowed")
+
+            found = reshaped(
+                cells,
+                forms,
+                keep=grains.keep,
+                asked=asked,
+                rng=stream(self._recipe, _FORMS),
+                progress=told,
+            )
+        if self.wanted is not None:
+            self.wanted = found.diameters
+        return found.cells
 
     def _density(self, metric: Metric | None) -> Callable[[NDArray[np.float64]], NDArray[np.float64]] | None:
         """Return the density that seeds are relaxed by, a function of points [m] of the space that they are in."""

@@ -1,21 +1,26 @@
 """Cells: Voronoi and Laguerre tessellations of seeds in a domain, Lloyd's relaxation, and cells of given sizes."""
 
+from grainsdem.tessellation.forms import Forms
 from grainsdem.tessellation.graded import GradedCells, graded_cells
 from grainsdem.tessellation.layered import Layer, LayeredCells, layered_cells
 from grainsdem.tessellation.lloyd import Relaxation, relax, relaxation
 from grainsdem.tessellation.metric import Metric, Shape, shaped_cells
+from grainsdem.tessellation.mixed import MixedCells, mixed_cells
 from grainsdem.tessellation.sized import sized_cells
 from grainsdem.tessellation.voronoi import tessellate
 
 __all__ = [
+    "Forms",
     "GradedCells",
     "Layer",
     "LayeredCells",
     "Metric",
+    "MixedCells",
     "Relaxation",
     "Shape",
     "graded_cells",
     "layered_cells",
+    "mixed_cells",
     "relax",
     "relaxation",
     "shaped_cells",

@@ -23,11 +23,11 @@ from grainsdem.packing import (
 )
 from grainsdem.packing.carve import unwarned
 from grainsdem.recipe.base import Coefficient, Fraction, Positive, Table
+from grainsdem.recipe.grains.axes import AxesTable
 from grainsdem.recipe.grains.layers import Layers, LayerTable
 from grainsdem.recipe.grains.shapes import ShapesTable
 from grainsdem.recipe.grains.sieves import SievesTable
 from grainsdem.recipe.grains.sizes import SizesTable
-from grainsdem.tessellation.metric import FLATTEST, Shape
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -73,37 +73,6 @@ class ThroatsTable(Table):
         if not self.axes or set(self.axes) - set("xyz") or len(set(self.axes)) != len(self.axes):
             raise ValueError(f"axes must be one to three of 'xyz', each once; got {self.axes!r}")
         return self
-
-
-class AxesTable(Table):
-    """``[grains.axes]``: mean proportions of the grains, and how they lie.
-
-    Parameters
-    ----------
-    elongation, flatness : float, optional
-        Mean of b/a and of c/b, the edges of each grain's smallest box with a side on one of its faces, a >= b >= c; one
-        of them or both. Had within 2 %; grains are as equant as they grow, or less.
-    trend : float
-        Direction [rad] of the long axes in the plane, counter-clockwise from +x.
-    dip : float
-        Imbrication [rad]: by how much the flat sides are turned up about the middle axes, the end of the long axis that
-        points along the trend raised.
-    """
-
-    elongation: Annotated[float, Field(ge=FLATTEST, le=1)] | None = None
-    flatness: Annotated[float, Field(ge=FLATTEST, le=1)] | None = None
-    trend: Annotated[float, Field(allow_inf_nan=False)] = 0.0
-    dip: Annotated[float, Field(allow_inf_nan=False)] = 0.0
-
-    @model_validator(mode="after")
-    def _has_a_ratio(self) -> Self:
-        if self.elongation is None and self.flatness is None:
-            raise ValueError("give elongation, flatness or both")
-        return self
-
-    def shape(self) -> Shape:
-        """Return the proportions asked for."""
-        return Shape(self.elongation, self.flatness, self.trend, self.dip)
 
 
 class GrainsTable(Table):
@@ -192,6 +161,8 @@ class GrainsTable(Table):
             raise ValueError(f"give one of sizes, sieves and layers; got {', '.join(named)}")
         if self.layer and self.axes is not None and (self.axes.trend or self.axes.dip):
             raise ValueError("layers are level: leave out trend and dip of axes, or the layers")
+        if self.layer and self.axes is not None and self.axes.is_mixed:
+            raise ValueError("grains in layers have mean proportions: give one elongation and one flatness, no classes")
         if self.gap is not None and self.prescribed is not None:
             given = named[0]
             raise ValueError(f"a gap takes more from small grains than from large ones: give {given} or gap")
