@@ -54,12 +54,16 @@ def grow(recipe: Recipe, monitor: Monitor | None = None) -> Packing:
     is_scaled = not recipe.is_metric
     # The recipe comes first: it is what the other steps follow from.
     first = [json.dumps({"step": "recipe", **recipe.model_dump(mode="json")}, sort_keys=True)]
-    sizes, shapes = recipe.grains.sizes, recipe.grains.shapes
+    sizes, sieves, shapes = recipe.grains.sizes, recipe.grains.sieves, recipe.grains.shapes
     if shapes is not None:
         domain = recipe.domain.make() if recipe.domain.is_measured else None
         rng, density = stream(recipe, _SHAPES), recipe.grains.density
+        for line in () if sieves is None else sieves.assumed():
+            LOG.warning("%s", line)
         with monitor.stage("Laying out grains") as tell:
-            packing = laid_out(shapes, sizes, density, domain, rng=rng, progress=counting_words(tell, "grains"))
+            packing = laid_out(
+                shapes, sizes or sieves, density, domain, rng=rng, progress=counting_words(tell, "grains")
+            )
         return replace(packing, provenance=(*first, *packing.provenance))
     if recipe.seeds.wants_count and recipe.seeds.count is None and sizes is not None and sizes.is_list:
         recipe = _with_count(recipe, len(sizes.listed()))

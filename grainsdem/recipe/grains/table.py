@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 Corner = tuple[float, float, float]
 
-_OF_CELLS = ("sieves", "layer", "axes")
+_OF_CELLS = ("layer", "axes")
 """Tables that say what cells become."""
 
 VOIDS = ("porosity", "solid_fraction", "void_ratio", "scale", "gap", "relation")
@@ -182,7 +182,7 @@ class GrainsTable(Table):
         ]
         if idle:
             raise ValueError(f"grains of shapes come from no cells: leave out {', '.join(idle)}")
-        shapes.refuse_without_sizes(self.sizes)
+        shapes.refuse_without_sizes(self.sizes, self.sieves)
         return self
 
     @property
