@@ -273,8 +273,8 @@ def read(path: str | os.PathLike[str]) -> Recipe:
 
 def _found_beside(table: _Sized, folder: Path) -> _Sized:
     """Return a table whose files of sizes are those in a folder."""
-    for name in ("sizes", "sieves"):
-        sizes = getattr(table, name)
+    for name in ("sizes", "sieves", "top"):
+        sizes = getattr(table, name, None)
         if sizes is not None and sizes.path is not None:
             table = table.model_copy(update={name: sizes.model_copy(update={"path": str(folder / sizes.path)})})
     return table
