@@ -32,12 +32,12 @@ from grainsdem.geometry.triangles import best_apexes, facets
 from grainsdem.model import Domain, Packing, Polyhedra
 from grainsdem.packing import contacts
 from grainsdem.tessellation import relax, tessellate
+from grainsdem.tessellation.ellipsoids import grown
 from grainsdem.tessellation.engine.frame import Frame
 from grainsdem.tessellation.engine.full import copy_none
 from grainsdem.tessellation.engine.growing import gather, grow
 from grainsdem.tessellation.engine.light import list_arrays, work_arrays
 from grainsdem.tessellation.engine.tree import Tree, build
-from grainsdem.tessellation.mixed import grown
 from grainsdem.validation import validate
 
 if TYPE_CHECKING:

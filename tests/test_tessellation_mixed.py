@@ -7,8 +7,8 @@ from scipy import stats
 import grainsdem as gd
 from grainsdem.errors import ConvergenceError, InputError
 from grainsdem.geometry.separation import bodies, offsets_between
+from grainsdem.tessellation.ellipsoids import grown
 from grainsdem.tessellation.forms import CLASSES, Forms, mean_square
-from grainsdem.tessellation.mixed import grown
 from grainsdem.validation.intersections import intersection_volumes
 
 WRAPPED = gd.Domain.cube(periodic=True)

@@ -15,6 +15,7 @@ from grainsdem.tessellation.forms import Orientation
 
 Process = Literal["halton", "poisson", "cluster", "strauss", "strauss_process", "density", "noise", "image", "file"]
 VOID, SIZE, AXES, THROATS = "How much void: one of", "Grain size", "Long and flat grains", "Pore throats"
+INFILL = "Fine grains in the voids"
 """Groups of options in the help."""
 
 
@@ -245,6 +246,19 @@ def generate(
     throat_axes: Annotated[
         str | None, typer.Option(help="Coordinates that change, such as xy.", rich_help_panel=THROATS)
     ] = None,
+    infill: Annotated[
+        float | None,
+        typer.Option(
+            help="Mass of fine grains in the voids over that of all; takes --keep all, or a domain that wraps around.",
+            rich_help_panel=INFILL,
+        ),
+    ] = None,
+    infill_diameter: Annotated[
+        float | None, typer.Option(help="Diameter [m] of their mean volume.", rich_help_panel=INFILL)
+    ] = None,
+    infill_density: Annotated[
+        float | None, typer.Option(help="Their density [kg/m³], by default that of the others.", rich_help_panel=INFILL)
+    ] = None,
     density: Annotated[float, typer.Option(help="Density [kg/m³].")] = 2650.0,
     rng: Rng = 0,
     json_: Json = False,
@@ -305,6 +319,7 @@ def generate(
             "mean_diameter": mean_diameter,
             "median_diameter": median_diameter,
             "density": density,
+            "infill": _together("--infill", {"share": infill, "diameter": infill_diameter, "density": infill_density}),
             "throats": _together("--throats", moved),
             "sizes": size_table(sizes, size_parameter, size_tolerance),
             "sieves": _together("--sieves", sheet),

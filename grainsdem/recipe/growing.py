@@ -72,6 +72,9 @@ def grow(recipe: Recipe, monitor: Monitor | None = None) -> Packing:
             recipe, count = _counted(recipe, tell)
         first.append(json.dumps({"step": "count", "count": count}, sort_keys=True))
     packing, _ = _grown(recipe, monitor, is_scaled=is_scaled)
+    if recipe.grains.infill is not None:
+        with monitor.stage("Filling voids") as tell:
+            packing = recipe.grains.filled(packing, stream(recipe, _INFILL), counting_words(tell, "relaxations"))
     return replace(packing, provenance=(*first, *packing.provenance))
 
 
@@ -80,7 +83,7 @@ def stream(recipe: Recipe, stage: int) -> np.random.Generator:
     return np.random.default_rng([recipe.rng, stage])
 
 
-SEEDS, _THROATS, _SIZES, _SHAPES, _FORMS = 0, 2, 3, 5, 6  # stage 1 is pouring
+SEEDS, _THROATS, _SIZES, _SHAPES, _FORMS, _INFILL = 0, 2, 3, 5, 6, 7  # stage 1 is pouring
 
 
 def _grown(

@@ -3,6 +3,7 @@
 from grainsdem.tessellation.forms import Forms
 from grainsdem.tessellation.graded import GradedCells, graded_cells
 from grainsdem.tessellation.layered import Layer, LayeredCells, layered_cells
+from grainsdem.tessellation.lenses import Lens
 from grainsdem.tessellation.lloyd import Relaxation, relax, relaxation
 from grainsdem.tessellation.metric import Metric, Shape, shaped_cells
 from grainsdem.tessellation.mixed import MixedCells, mixed_cells
@@ -14,6 +15,7 @@ __all__ = [
     "GradedCells",
     "Layer",
     "LayeredCells",
+    "Lens",
     "Metric",
     "MixedCells",
     "Relaxation",

@@ -25,7 +25,7 @@ from numba import njit
 from grainsdem.geometry.cells.cutting import CUT, EMPTY, HOME, LOST, UNTOUCHED, cut, polish, start_box
 from grainsdem.geometry.cells.emitting import BROKEN, emit
 from grainsdem.geometry.threads import in_blocks, inner
-from grainsdem.model import Polyhedra
+from grainsdem.model import DROPPED, Polyhedra
 from grainsdem.ragged import offsets_from_counts
 
 if TYPE_CHECKING:
@@ -143,7 +143,7 @@ def _touch(a, b, gain, r, at):  # type: ignore[no-untyped-def]
 
 
 @inner
-def _carve(i, frame, sites, weights, forms, partners, codes, work, r, at):  # type: ignore[no-untyped-def]
+def _carve(i, frame, sites, weights, forms, partners, codes, further, work, r, at):  # type: ignore[no-untyped-def]
     """Cut the cell of ellipsoid ``i`` in the work arrays; return status and the numbers of triangles and planes."""
     lengths, periodic, walls, slack = frame
     geo, tri, planes, tags = work
@@ -162,6 +162,15 @@ def _carve(i, frame, sites, weights, forms, partners, codes, work, r, at):  # ty
         status, n_tri = cut(geo, tri, planes, tags, n_tri, n_planes, a, b, c, half, slack)
         if status == CUT:
             tags[0, n_planes] = -7 - w
+            tags[1, n_planes] = HOME
+            n_planes += 1
+        elif status != UNTOUCHED:
+            return status, n_tri, n_planes
+    for k in range(len(further)):
+        a, b, c = further[k, 0], further[k, 1], further[k, 2]
+        status, n_tri = cut(geo, tri, planes, tags, n_tri, n_planes, a, b, c, further[k, 3], slack)
+        if status == CUT:
+            tags[0, n_planes] = DROPPED
             tags[1, n_planes] = HOME
             n_planes += 1
         elif status != UNTOUCHED:
@@ -199,7 +208,7 @@ def _carve(i, frame, sites, weights, forms, partners, codes, work, r, at):  # ty
 
 
 @njit(cache=True, nogil=True)
-def _cells(first, last, frame, ellipsoids, near, tolerance, starts, batch, spans, status):  # type: ignore[no-untyped-def]
+def _cells(first, last, frame, ellipsoids, near, further, tolerance, starts, batch, spans, status):  # type: ignore[no-untyped-def]
     """Write the cells from ``first`` to ``last`` into the buffers."""
     sites, weights, forms = ellipsoids
     offsets, partners, codes = near
@@ -216,7 +225,8 @@ def _cells(first, last, frame, ellipsoids, near, tolerance, starts, batch, spans
         v, f, c = starts[i, 0], starts[i, 1], starts[i, 2]
         v_end, f_end, c_end = starts[i + 1, 0], starts[i + 1, 1], starts[i + 1, 2]
         row = slice(offsets[i], offsets[i + 1])
-        code, n_tri, n_planes = _carve(i, frame, sites, weights, forms, partners[row], codes[row], work, r, at)
+        own = further[1][further[0][i] : further[0][i + 1]]
+        code, n_tri, n_planes = _carve(i, frame, sites, weights, forms, partners[row], codes[row], own, work, r, at)
         n_v = n_f = n_c = np.int64(0)
         if code == CUT:
             wide = tolerance
@@ -237,10 +247,9 @@ def _cells(first, last, frame, ellipsoids, near, tolerance, starts, batch, spans
 
 def cells_between(
     frame: tuple[Floats, NDArray[np.bool_], Floats, float],
-    sites: Floats,
-    weights: Floats,
-    forms: Floats,
+    ellipsoids: tuple[Floats, Floats, Floats],
     near: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]],
+    further: tuple[NDArray[np.int64], Floats],
     *,
     tolerance: float,
 ) -> Between:
@@ -250,21 +259,20 @@ def cells_between(
     ----------
     frame : tuple
         Lengths of the box, periodic axes, walls and slack, as `Frame.kernel` of the tessellation's engine has them.
-    sites : ndarray, shape (n, 3)
-        Centres, from the lower corner of the box.
-    weights : ndarray, shape (n,)
-        w, in squared lengths.
-    forms : ndarray, shape (n, 3, 3)
-        G, positive definite.
+    ellipsoids : tuple of ndarray
+        Centres, shape (n, 3), from the lower corner of the box; weights w in squared lengths, shape (n,); forms G,
+        positive definite, shape (n, 3, 3).
     near : tuple
         Offsets, shape (n + 1,), of the rows of numbers of those that may bound each cell, and codes of their images. A
         pair stands in both rows.
+    further : tuple of ndarray
+        Offsets, shape (n + 1,), of the rows of planes that cut each cell besides, shape (m, 4): unit normals, and
+        distances from the centre. What is behind them is `DROPPED`.
     tolerance : float
         Length below which an edge is rounding.
     """
-    n = len(sites)
-    offsets = near[0]
-    room = np.minimum(2 * (np.diff(offsets) + 6 + len(frame[2])), SIZE)
+    n = len(ellipsoids[0])
+    room = np.minimum(2 * (np.diff(near[0]) + np.diff(further[0]) + 6 + len(frame[2])), SIZE)
     starts = np.stack([offsets_from_counts(room), offsets_from_counts(room), offsets_from_counts(3 * room)], axis=1)
     batch = (
         np.empty((starts[-1, 0], 3)),
@@ -274,8 +282,7 @@ def cells_between(
         np.empty(starts[-1, 2], dtype=np.int32),
     )
     spans, status = np.zeros((n, 3), dtype=np.int64), np.empty(n, dtype=np.int8)
-    ellipsoids = sites, weights, forms
-    in_blocks(_cells, n, frame, ellipsoids, near, tolerance, starts, batch, spans, status, least=CHUNK)
+    in_blocks(_cells, n, frame, ellipsoids, near, further, tolerance, starts, batch, spans, status, least=CHUNK)
     vertices, faces, corners = (_filled(starts[:-1, k], spans[:, k]) for k in range(3))
     counted = offsets_from_counts(batch[1][faces])
     shapes = Polyhedra(

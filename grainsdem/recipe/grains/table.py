@@ -14,6 +14,7 @@ from grainsdem.packing import (
     VOID_RELATIONS,
     carve,
     fit_void_ratio,
+    infill,
     jitter_throats,
     ratio_to,
     rescale,
@@ -22,6 +23,7 @@ from grainsdem.packing import (
     size_of,
 )
 from grainsdem.packing.carve import unwarned
+from grainsdem.packing.infill import coarse_solid_fraction
 from grainsdem.recipe.base import Coefficient, Fraction, Positive, Table
 from grainsdem.recipe.grains.axes import AxesTable
 from grainsdem.recipe.grains.layers import Layers, LayerTable
@@ -30,13 +32,15 @@ from grainsdem.recipe.grains.sieves import SievesTable
 from grainsdem.recipe.grains.sizes import SizesTable
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     from grainsdem.model import Packing, Tessellation
 
 Corner = tuple[float, float, float]
 
-_OF_CELLS = ("layer", "axes")
+_OF_CELLS = ("layer", "axes", "infill")
 """Tables that say what cells become."""
 
 VOIDS = ("porosity", "solid_fraction", "void_ratio", "scale", "gap", "relation")
@@ -75,6 +79,30 @@ class ThroatsTable(Table):
         return self
 
 
+class InfillTable(Table):
+    """``[grains.infill]``: fine grains in the voids between the others, which stay as they are.
+
+    The porosity asked for is that of the whole; the coarse grains are shrunk to what is left for them. Coarse grains
+    have the class 0, fine ones 1. It takes ``keep = "all"``, or a domain that wraps around.
+
+    Parameters
+    ----------
+    share : float
+        Mass of the fine grains over that of all, had exactly.
+    diameter : float
+        Diameter [m] of the sphere of their mean volume.
+    density : float, optional
+        Density [kg/m³] of the fine grains; that of ``[grains]`` where not given.
+    relaxations : int
+        How many times their seeds move to the centroids of their cells.
+    """
+
+    share: Annotated[float, Field(gt=0, lt=1)]
+    diameter: Positive
+    density: Positive | None = None
+    relaxations: Annotated[int, Field(ge=0)] = 8
+
+
 class GrainsTable(Table):
     """``[grains]``: what the cells become.
 
@@ -100,7 +128,7 @@ class GrainsTable(Table):
         the whole bed is scaled to it, and only the domain's proportions count; without, the count follows.
     density : float
         Density [kg/m³].
-    throats, sizes, sieves, layer, axes, shapes : tables, optional
+    throats, sizes, sieves, layer, axes, infill, shapes : tables, optional
         See each; one of sizes, sieves and layers. With shapes the other keys have no use, but for the density.
     """
 
@@ -121,6 +149,7 @@ class GrainsTable(Table):
     sieves: SievesTable | None = None
     layer: tuple[LayerTable, ...] = ()
     axes: AxesTable | None = None
+    infill: InfillTable | None = None
     shapes: ShapesTable | None = None
 
     @field_validator("region", mode="before")
@@ -172,6 +201,40 @@ class GrainsTable(Table):
         if self.throats is not None and self._is_full:
             raise ValueError("grains that fill their cells have no room to move: leave out throats, or give more void")
         return self
+
+    @model_validator(mode="after")
+    def _infill_has_its_voids(self) -> Self:
+        if self.infill is None or self.shapes is not None:
+            return self
+        if self.void_asked is None or self.region != "cells":
+            raise ValueError("an infill takes the porosity, solid_fraction or void_ratio of the whole domain: give one")
+        if self.throats is not None or self.layer:
+            idle = "throats" if self.throats is not None else "layers"
+            raise ValueError(f"grains with an infill between them have no {idle}: leave them out, or infill")
+        return self
+
+    @property
+    def void_asked(self) -> float | None:
+        """The porosity asked for, if it is."""
+        if self.porosity is not None:
+            return self.porosity
+        if self.solid_fraction is not None:
+            return 1 - self.solid_fraction
+        return None if self.void_ratio is None else self.void_ratio / (1 + self.void_ratio)
+
+    def filled(self, packing: Packing, rng: np.random.Generator, progress: Callable[[int, int], None]) -> Packing:
+        """Return the bed with its infill, if it has one."""
+        if self.infill is None:
+            return packing
+        return infill(
+            packing,
+            share=self.infill.share,
+            diameter=self.infill.diameter,
+            density=self.infill.density or self.density,
+            relaxations=self.infill.relaxations,
+            rng=rng,
+            progress=progress,
+        )
 
     def _without_cells(self, shapes: ShapesTable) -> Self:
         """Refuse what is done to cells beside grains that come from none."""
@@ -267,6 +330,10 @@ def size_ratio(table: GrainsTable, packing: Packing, wanted: NDArray[np.float64]
 def _shrunk(packing: Packing, table: GrainsTable) -> Packing:
     if table.relation is not None:
         return fit_void_ratio(packing, relation=table.relation, about=table.about, region=table.region)
+    if table.infill is not None and table.void_asked is not None:
+        own, share = table.infill.density or table.density, table.infill.share
+        solid = coarse_solid_fraction(table.void_asked, share, table.density, own)
+        return shrink(packing, solid_fraction=solid, about=table.about)
     voids = {name: getattr(table, name) for name in VOIDS if name != "relation"}
     return shrink(packing, **voids, about=table.about, region=table.region)
 
