@@ -7,6 +7,7 @@ from grainsdem.tessellation.lenses import Lens
 from grainsdem.tessellation.lloyd import Relaxation, relax, relaxation
 from grainsdem.tessellation.metric import Metric, Shape, shaped_cells
 from grainsdem.tessellation.mixed import MixedCells, mixed_cells
+from grainsdem.tessellation.placed import PlacedCells, placed_cells
 from grainsdem.tessellation.sized import sized_cells
 from grainsdem.tessellation.voronoi import tessellate
 
@@ -18,11 +19,13 @@ __all__ = [
     "Lens",
     "Metric",
     "MixedCells",
+    "PlacedCells",
     "Relaxation",
     "Shape",
     "graded_cells",
     "layered_cells",
     "mixed_cells",
+    "placed_cells",
     "relax",
     "relaxation",
     "shaped_cells",
