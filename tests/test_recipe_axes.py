@@ -53,7 +53,12 @@ def test_the_command_grows_forms_of_their_own(tmp_path):
         ({"classes": {"disc": 0.5, "rod": 0.4}}, r"must sum up to 1; those of disc, rod sum up to 0\.9"),
         ({"classes": {"disc": 1.0}, "flatness": 0.5}, "forms have classes, or an elongation"),
         ({"classes": {"plate": 1.0}}, "plate"),
-        ({"elongation": 1.4}, "elongation"),
+        ({"elongation": 1.4}, r"elongation: .*less than or equal to 1; got 1\.4"),
+        ({"elongation": {"mean": 0.5}}, r"grains\.axes\.elongation\.std: missing"),
+        (
+            {"elongation": {"mean": 0.5, "std": 0.1, "sd": 1}},
+            r"elongation\.sd: unknown key; allowed are law, mean, std",
+        ),
         ({"elongation": {"mean": 0.5, "std": 0.6, "law": "beta"}}, r"no beta law of mean 0\.5 and std 0\.6"),
         ({"elongation": {"mean": 0.9, "std": 0.2, "law": "uniform"}}, "lies from 0.2 to 1; got a law from"),
         ({"elongation": 0.5, "orientation": "uniform", "dip": 0.2}, "have no spread, trend and dip"),

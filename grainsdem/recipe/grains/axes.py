@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from grainsdem.errors import InputError
 from grainsdem.recipe.base import Positive, Table
@@ -56,6 +56,14 @@ class RatioTable(Table):
         return stats.beta(mean * both, (1 - mean) * both)
 
 
+def _kind(value: object) -> str:
+    return "dict[law]" if isinstance(value, dict | RatioTable) else "float"
+
+
+RatioOrLaw = Annotated[Annotated[Ratio, Tag("float")] | Annotated[RatioTable, Tag("dict[law]")], Discriminator(_kind)]
+"""A number, or a table: with tags, which the lines that errors are told in leave out, only one is tried."""
+
+
 class AxesTable(Table):
     """``[grains.axes]``: proportions of the grains, and how they lie.
 
@@ -82,8 +90,8 @@ class AxesTable(Table):
         points along the trend raised.
     """
 
-    elongation: Ratio | RatioTable | None = None
-    flatness: Ratio | RatioTable | None = None
+    elongation: RatioOrLaw | None = None
+    flatness: RatioOrLaw | None = None
     classes: dict[Zingg, Annotated[float, Field(ge=0, le=1)]] | None = None
     orientation: Orientation | None = None
     spread: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
