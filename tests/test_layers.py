@@ -155,6 +155,7 @@ def test_a_layer_fines_upward_from_one_sheet_to_another():
         assert found_median == pytest.approx(bottom.toward(top, low + 0.125).percentile(50), rel=0.12)
 
 
+@pytest.mark.slow
 def test_a_recipe_has_lenses_and_layers_that_fine_upward():
     lens = {"center": [0.5, 0.5, 0.5], "half_axes": [0.4, 0.4, 0.2], "form": "box"}
     law = {"law": "uniform", "parameters": {"loc": 0.8e-3, "scale": 0.2e-3}, "relaxations": 1}

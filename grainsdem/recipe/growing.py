@@ -11,11 +11,11 @@ import numpy as np
 
 from grainsdem.errors import InputError
 from grainsdem.packing.carve import unwarned
-from grainsdem.recipe.grains import Layers, laid_out, shape, size_ratio, sized
+from grainsdem.recipe.grains import Layers, SievesTable, laid_out, shape, size_ratio, sized
 from grainsdem.recipe.seeds import place
 from grainsdem.recipe.words import Monitor, Silent, counting_words
 from grainsdem.tessellation import relax, shaped_cells, tessellate
-from grainsdem.tessellation.graded import Wish
+from grainsdem.tessellation.graded import TOLERANCE, Wish
 from grainsdem.tessellation.mixed import Asked, reshaped
 
 if TYPE_CHECKING:
@@ -156,7 +156,8 @@ class _Growth:
         if self.wanted is not None and source is not None:
             has_curve = not (isinstance(source, Layers) or source.is_list)
             wish = Wish(source.curve(), cells.domain, None) if has_curve else None  # type: ignore[union-attr]
-            asked = Asked(self.wanted, wish)
+            tolerance = source.tolerance if isinstance(source, SievesTable) else TOLERANCE
+            asked = Asked(self.wanted, wish, tolerance)
         with monitor.stage("Giving grains their forms") as tell:
 
             def told(done: int, off: float) -> None:

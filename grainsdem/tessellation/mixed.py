@@ -267,7 +267,12 @@ class _Growth:
         cells = replace(cells, sites=cells.sites + self._measured.centroids, cells=centred)
         cells, curve_off = self._regrade(cells, kept, calm=calm)
         off = max(curve_off, self._off(kept))
-        told = replace(cells, fill=min(float(volumes_of(cells.cells).sum()) / self._domain.volume, 1.0))
+        # Weights say of cells that their sizes were asked for one by one: those at the walls are missed then.
+        is_listed = self._asked is not None and self._asked.wish is None
+        weights = cells.weights if is_listed else np.zeros(len(cells))
+        told = replace(
+            cells, weights=weights, fill=min(float(volumes_of(cells.cells).sum()) / self._domain.volume, 1.0)
+        )
         return MixedCells(told, goals, self._drawn.axes, self._told, off)
 
     def _deal(self, kept: NDArray[np.bool_], *, calm: int) -> None:
