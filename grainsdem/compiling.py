@@ -32,6 +32,7 @@ from grainsdem.geometry.triangles import best_apexes, facets
 from grainsdem.model import Domain, Packing, Polyhedra
 from grainsdem.packing import contacts
 from grainsdem.tessellation import relax, tessellate
+from grainsdem.tessellation.ellipsoids import grown
 from grainsdem.tessellation.engine.frame import Frame
 from grainsdem.tessellation.engine.full import copy_none
 from grainsdem.tessellation.engine.growing import gather, grow
@@ -199,6 +200,11 @@ def _facets() -> None:
     facets(grains, best_apexes(grains))
 
 
+def _between() -> None:
+    sites, forms = _sites(), np.repeat(np.eye(3)[None], 8, axis=0)
+    grown(Domain.cube(), sites, np.zeros(8), forms, np.ones((8, 3)))
+
+
 def _loose() -> None:
     shapes.pack(_two_cubes().grains, 1.0, n=2, rng=0)
 
@@ -207,6 +213,6 @@ TAKEN: dict[str, Callable[[], None]] = {
     "cutting": _cutting, "starting": _starting, "emitting": _emitting, "growing": _growing, "volumes": _volumes,
     "copying": _copying, "cells": _cells, "near": _near, "approaching": _approaching, "touching": _touching,
     "searching": _searching, "contacts": _contacts, "shapes": _shapes, "lloyd": _lloyd, "proof": _proof,
-    "walls": _walls, "facets": _facets, "loose": _loose,
+    "walls": _walls, "facets": _facets, "loose": _loose, "between": _between,
 }  # fmt: skip
 """What each step does."""

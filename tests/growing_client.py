@@ -12,11 +12,24 @@ import numpy as np
 import exporters
 from grainsdem import points
 from grainsdem.model import Domain, Grading
-from grainsdem.packing import carve, jitter_throats, shrink, shuffle
-from grainsdem.tessellation import graded_cells, relax, sized_cells, tessellate
+from grainsdem.packing import carve, infill, jitter_throats, shrink, shuffle
+from grainsdem.tessellation import (
+    Forms,
+    Layer,
+    Lens,
+    graded_cells,
+    layered_cells,
+    mixed_cells,
+    placed_cells,
+    relax,
+    sized_cells,
+    tessellate,
+)
 
 DOMAIN = Domain.cube(0.02)
 CURVE = Grading([0.5e-3, 1e-3, 2e-3], [0.0, 0.4, 1.0])
+FORMS = Forms(elongation=0.7, flatness=0.7, orientation="aligned", spread=0.3, dip=0.3)
+LAYERS = [Layer(CURVE), Layer(CURVE, lens=Lens((0.01, 0.01, 0.01), (0.007, 0.007, 0.005), dip=0.3))]
 OTHERS = {"grains", "lammps", "yade", "sdf"}
 """Tables and formats with principal axes, which LAPACK finds with the processor's own last bit."""
 
@@ -60,6 +73,7 @@ def grown(n):
     pipe = Domain.cylinder(0.01, 0.02)
     prisms = tessellate(points.cluster_poisson(pipe, n, spread=2e-3, parents=9, walls="reflect", rng=1), pipe)
     bed = shrink(carve(relaxed), porosity=0.4)
+    whole = shrink(carve(relaxed, keep="all"), porosity=0.4)
     jittered = jitter_throats(bed, fraction=0.3, rng=1)
     return {
         **found,
@@ -68,6 +82,10 @@ def grown(n):
         "sized": digest(sized_cells(DOMAIN, sizes, rng=1).cells.vertices),
         "graded": digest(graded_cells(DOMAIN, CURVE, n=4 * n, rng=1).cells.cells.vertices),
         "sieved": digest(graded_cells(DOMAIN, replace(CURVE, diameter="sieve"), n=4 * n, rng=1).cells.cells.vertices),
+        "mixed": digest(mixed_cells(DOMAIN, FORMS, n=4 * n, curve=CURVE, rng=1).cells.cells.vertices),
+        "lens": digest(layered_cells(DOMAIN, LAYERS, n=8 * n, keep="all", rng=1).cells.cells.vertices),
+        "placed": digest(placed_cells(DOMAIN, lambda _x, _y, z: 1e-3 + z / 20, n=n, rng=1).cells.cells.vertices),
+        "infill": digest(infill(whole, share=0.2, diameter=2e-3, rng=1).grains.vertices),
         "planar": digest(sized_cells(Domain.slab((0.02, 0.02), 1e-3), sizes, rng=1).cells.vertices),
         "shuffled": digest(shuffle(bed, rng=1).quaternions, shuffle(bed, rng=1).positions),
         "cylinder": digest(shrink(carve(prisms, keep="all"), porosity=0.5).grains.vertices),

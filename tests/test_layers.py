@@ -8,6 +8,7 @@ import grainsdem as gd
 from grainsdem import recipe as recipes
 from grainsdem.errors import InputError, ShapeError
 from grainsdem.tessellation.layered import Layer, layered_cells
+from grainsdem.tessellation.lenses import Lens
 
 FINE = gd.Grading([0.5e-3, 1e-3], [0.0, 1.0])
 COARSE = gd.Grading([1e-3, 1.5e-3, 2e-3], [0.0, 0.5, 1.0], "sieve")
@@ -114,3 +115,92 @@ def test_layers_that_cannot_be_had_are_refused():
     cells = gd.tessellate(gd.points.poisson(gd.Domain.cube(), 20, rng=1), gd.Domain.cube())
     with pytest.raises(ShapeError, match="one class for each of the 20 cells"):
         gd.carve(cells, keep="all", classes=[1, 2])
+
+
+def test_a_lens_replaces_what_is_there_with_an_interface_sharp_to_one_grain():
+    domain = gd.Domain.box((1.0, 1.0, 0.8))
+    lens = Lens((0.5, 0.5, 0.4), (0.45, 0.4, 0.22), trend=0.5, dip=0.1)
+    found = layered_cells(domain, [Layer(COARSE), Layer(FINE, lens=lens)], n=1200, keep="all", relaxations=2, rng=1)
+    content = gd.volumes(found.cells.cells)
+    share = 4 / 3 * np.pi * 0.45 * 0.4 * 0.22 / domain.volume
+    assert content[found.classes == 1].sum() / domain.volume == pytest.approx(share, abs=0.02)
+    # Every fine grain's cell has its seed within a coarse grain of the lens, and no coarse one is deeper in it.
+    widest = np.cbrt(6 / np.pi * content.max())
+    wider, narrower = (Lens(lens.center, tuple(half + by for half in lens.half_axes), trend=0.5, dip=0.1)
+                       for by in (widest, -0.4 * widest))  # fmt: skip
+    assert wider.contains(found.cells.sites[found.classes == 1], domain).all()
+    assert not narrower.contains(found.cells.sites[found.classes == 0], domain).any()
+    bed = gd.resize(gd.carve(found.cells, keep="all", classes=found.classes), diameters=found.diameters)
+    masses, holes, sizes = gd.masses(bed), gd.sieve_diameters(bed), gd.diameters(bed)
+    coarse, fine = bed.classes == 0, bed.classes == 1
+    assert masses[coarse & (holes < 1.5e-3)].sum() / masses[coarse].sum() == pytest.approx(0.5, abs=0.02)
+    middle = FINE.percentile(50)
+    assert masses[fine & (sizes < middle)].sum() / masses[fine].sum() == pytest.approx(0.5, abs=0.02)
+
+
+def test_a_layer_fines_upward_from_one_sheet_to_another():
+    domain = gd.Domain.box((1.0, 1.0, 2.0))
+    bottom, top = gd.Grading([1e-3, 2e-3], [0.0, 1.0]), gd.Grading([0.5e-3, 1e-3], [0.0, 1.0])
+    found = layered_cells(domain, [Layer(bottom, top=top)], n=900, keep="all", relaxations=2, rng=1)
+    assert set(found.classes.tolist()) == {0}
+    bed = gd.resize(gd.carve(found.cells, keep="all"), diameters=found.diameters)
+    heights = (bed.positions[:, 2] / bed.domain.lengths[2]).clip(0, 1)
+    sizes, masses = gd.diameters(bed), gd.masses(bed)
+    for low in (0.0, 0.25, 0.5, 0.75):
+        rows = (heights >= low) & (heights < low + 0.25)
+        order = np.argsort(sizes[rows])
+        running = np.cumsum(masses[rows][order]) / masses[rows].sum()
+        found_median = sizes[rows][order][np.searchsorted(running, 0.5)]
+        # In steps of a sixth of the height, each with its own curve; strata of a quarter cut through grains.
+        assert found_median == pytest.approx(bottom.toward(top, low + 0.125).percentile(50), rel=0.12)
+
+
+@pytest.mark.slow
+def test_a_recipe_has_lenses_and_layers_that_fine_upward():
+    lens = {"center": [0.5, 0.5, 0.5], "half_axes": [0.4, 0.4, 0.2], "form": "box"}
+    law = {"law": "uniform", "parameters": {"loc": 0.8e-3, "scale": 0.2e-3}, "relaxations": 1}
+    sheet, top = ({"openings": sizes, "passing": [100, 0], "relaxations": 1, "diameter": "equal-volume"}
+                  for sizes in ([2.0, 1.4], [1.4, 1.0]))  # fmt: skip
+    layers = [{"sieves": sheet, "top": top}, {"sizes": law, "lens": lens}]
+    bed = recipes.grow(
+        recipes.make(seeds={**SEEDS, "count": 900}, grains={"porosity": 0.3, "keep": "all", "layer": layers})
+    )
+    places = bed.positions / bed.domain.lengths
+    assert (np.abs(places[bed.classes == 1] - 0.5) < [0.5, 0.5, 0.3]).all()
+    coarse = bed.classes == 0
+    halves = [gd.diameters(bed)[coarse & rows].mean() for rows in (places[:, 2] < 0.4, places[:, 2] > 0.6)]
+    assert halves[1] < 0.92 * halves[0]
+
+
+@pytest.mark.unit
+@pytest.mark.parametrize(
+    ("layers", "words"),
+    [
+        ([Layer(FINE, lens=Lens((0.5, 0.5, 0.5), (0.3, 0.3, 0.3)))], "a layer or more besides its lenses"),
+        (
+            [Layer(FINE), Layer(FINE, lens=Lens((5, 5, 5), (0.3, 0.3, 0.3)))],
+            r"lens 2 lies outside of the bed.*\[5, 5, 5\]",
+        ),
+        (
+            [Layer(FINE), Layer(COARSE, lens=Lens((0.5, 0.5, 0.5), (0.3, 0.3, 0.01)))],
+            "lens 2 is thinner than its largest",
+        ),
+    ],
+)
+def test_lenses_that_cannot_be_had_are_refused(layers, words):
+    with pytest.raises(InputError, match=words):
+        layered_cells(gd.Domain.cube(), layers, n=500, rng=1)
+
+
+@pytest.mark.unit
+def test_lenses_without_a_meaning_are_refused():
+    with pytest.raises(InputError, match="half axes of a lens must be positive"):
+        Lens((0, 0, 0), (1, 0, 1))
+    with pytest.raises(InputError, match="'ellipsoid' or a 'box'; got 'egg'"):
+        Lens((0, 0, 0), (1, 1, 1), "egg")
+    with pytest.raises(InputError, match="a lens has one curve"):
+        Layer(FINE, top=FINE, lens=Lens((0, 0, 0), (1, 1, 1)))
+    with pytest.raises(InputError, match="two gradings of one diameter"):
+        Layer(FINE, top=COARSE)
+    with pytest.raises(InputError, match="no lenses"):
+        layered_cells(gd.Domain.slab((1, 1), 0.1), [Layer(FINE), Layer(FINE, lens=Lens((0, 0, 0), (1, 1, 1)))], n=99)

@@ -123,3 +123,17 @@ def test_options_out_of_range_are_refused():
         Grading.of(Normal(1, 0.1), tail=0.5)
     with pytest.raises(InputError, match=r"no 0\.5 % quantile"):
         Grading.of(Normal(1e-3, 1e-2))
+
+
+def test_a_curve_on_the_way_to_another_has_percentiles_between():
+    one = Grading([1e-3, 2e-3, 4e-3], [0.0, 0.3, 1.0])
+    other = Grading([0.5e-3, 1e-3], [0.0, 1.0])
+    for share in (0.0, 0.25, 1.0):
+        found = one.toward(other, share)
+        for percent in (10, 30, 50, 90):
+            wanted = one.percentile(percent) ** (1 - share) * other.percentile(percent) ** share
+            assert found.percentile(percent) == pytest.approx(wanted, rel=1e-6)
+    with pytest.raises(InputError, match="from 0 to 1; got 2"):
+        one.toward(other, 2)
+    with pytest.raises(InputError, match="unlike diameters"):
+        one.toward(Grading([1e-3, 2e-3], [0.0, 1.0], "sieve"), 0.5)

@@ -85,8 +85,8 @@ def test_tables_that_make_no_sense_are_refused_in_a_line():
         ({"seeds": {"count": 5}, "grains": {"shapes": one}}, "grow from no seeds"),
         ({"grains": {"porosity": 0.4, "shapes": one}}, "come from no cells: leave out porosity"),
         ({"grains": {"keep": "all", "throats": {}, "shapes": one}}, "leave out throats, keep"),
-        ({"grains": {"shapes": {**one, "diameter": None}}}, "sizes, or all one shapes.diameter"),
-        ({"grains": {"sizes": sizes, "shapes": one}}, "give one of the two"),
+        ({"grains": {"shapes": {**one, "diameter": None}}}, "sizes, sieves, or all one shapes.diameter"),
+        ({"grains": {"sizes": sizes, "shapes": one}}, "give one of them"),
         ({"grains": {"shapes": {**one, "count": None}}}, "give shapes.count"),
         ({"grains": {"sizes": {"diameters": [1.0]}, "shapes": {**one, "diameter": None}}}, "leave out shapes.count"),
         ({"grains": {"shapes": {**one, "kinds": []}}}, "grains.shapes.kinds: .*at least 1"),
@@ -139,3 +139,17 @@ def test_the_command_packs_as_the_recipe_does(written, tmp_path):
         assert done.exit_code == 2
         assert words in done.output
         assert not (tmp_path / "no.h5").exists()
+
+
+def test_shapes_have_the_sieve_sheet_of_a_recipe():
+    bed = recipes.grow(
+        recipes.make(
+            name="sieved",
+            grains={
+                "sieves": {"openings": [0.5, 1.0, 2.0], "passing": [0, 40, 100]},
+                "shapes": {"kinds": [{"shape": "cube"}, {"shape": "box", "flatness": 0.4}], "count": 120},
+            },
+        )
+    )
+    masses = gd.masses(bed)
+    assert masses[gd.sieve_diameters(bed) < 1e-3].sum() / masses.sum() == pytest.approx(0.4, abs=5e-3)

@@ -192,7 +192,10 @@ def test_flat_grains_have_the_curve_too():
         ({}, "give elongation, flatness or both"),
         ({"flatness": 0}, "flatness: .*0.02; got 0"),
         ({"elongation": 2}, "elongation: .*equal to 1; got 2"),
-        ({"elongation": 0.5, "plunge": 1}, "plunge: unknown key; allowed are elongation, flatness, trend, dip"),
+        (
+            {"elongation": 0.5, "plunge": 1},
+            "plunge: unknown key; allowed are elongation, flatness, classes, orientation, spread, trend, dip",
+        ),
     ],
 )
 def test_axes_without_a_meaning_get_one_line(axes, words):

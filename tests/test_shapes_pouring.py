@@ -235,3 +235,17 @@ def test_nothing_and_prisms_are_not_scattered(bed):
         gd.scatter(gd.carve(gd.tessellate(gd.points.poisson(slab, 30, rng=1), slab)))
     with pytest.raises(InputError, match=r"solid_fraction must lie in \(0, 0\.6\); got 0\.7"):
         gd.scatter(bed, solid_fraction=0.7)
+
+
+@pytest.mark.parametrize("diameter", ["sieve", "equal-volume"])
+def test_a_mixture_of_shapes_has_a_sieve_sheet(diameter):
+    curve = gd.Grading([0.5e-3, 1e-3, 1.4e-3, 2e-3], [0.0, 0.3, 0.6, 1.0], diameter)
+    kinds = [gd.shapes.box(3.0, 2.0, 1.0), gd.shapes.rock(5, elongation=0.6, flatness=0.5, rng=1)]
+    bed = gd.pack(kinds, curve, n=300, shares=[1, 3], by="mass", density=[2650, 4000], rng=1)
+    masses = gd.masses(bed)
+    sizes = gd.sieve_diameters(bed) if diameter == "sieve" else gd.diameters(bed)
+    passing = [masses[sizes < opening].sum() / masses.sum() for opening in curve.openings]
+    assert passing == pytest.approx(curve.passing, abs=5e-3)
+    assert masses[bed.classes == 0].sum() / masses.sum() == pytest.approx(0.25, abs=0.01)
+    with pytest.raises(InputError, match="needs the number of grains"):
+        gd.pack(kinds, curve)

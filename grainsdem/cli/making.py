@@ -11,9 +11,11 @@ from grainsdem.cli.options import Json, Quiet, Rng, app, err, guarded, keyed, ou
 from grainsdem.errors import InputError, RefusedError
 from grainsdem.measures.distributions.fits import Family
 from grainsdem.model.grading import Diameter
+from grainsdem.tessellation.forms import Orientation
 
 Process = Literal["halton", "poisson", "cluster", "strauss", "strauss_process", "density", "noise", "image", "file"]
 VOID, SIZE, AXES, THROATS = "How much void: one of", "Grain size", "Long and flat grains", "Pore throats"
+INFILL = "Fine grains in the voids"
 """Groups of options in the help."""
 
 
@@ -50,8 +52,10 @@ def _run(recipe: Path, folder: Path, *, json_: bool, quiet: bool) -> None:
     from grainsdem.screen import ChainProgress, print_result
 
     wanted, refusal = recipes.read(recipe), None
-    # Laying out shapes has kernels of its own, and most recipes grow cells.
-    prepare(*(step for step in ahead.STEPS if step != "loose" or wanted.grains.shapes is not None), quiet=quiet)
+    # Laying out shapes, and forms of grains' own, have kernels of their own that most recipes do not need.
+    is_mixed = wanted.grains.axes is not None and wanted.grains.axes.is_mixed
+    idle = {"loose": wanted.grains.shapes is None, "between": not is_mixed}
+    prepare(*(step for step in ahead.STEPS if not idle.get(step)), quiet=quiet)
     with ChainProgress(err, shown=not (quiet or json_)) as progress:
         try:
             result = recipes.run(wanted, folder, progress)
@@ -195,6 +199,30 @@ def generate(
         float | None,
         typer.Option(help="Mean of c/b, short over middle axis: flat grains.", rich_help_panel=AXES),
     ] = None,
+    elongation_std: Annotated[
+        float | None,
+        typer.Option(help="Standard deviation of b/a: a normal law of it.", rich_help_panel=AXES),
+    ] = None,
+    flatness_std: Annotated[
+        float | None,
+        typer.Option(help="Standard deviation of c/b: a normal law of it.", rich_help_panel=AXES),
+    ] = None,
+    zingg: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Share of one of Zingg's classes, such as disc=0.3: once for each of disc, spheroid, blade and rod.",
+            show_default=False,
+            rich_help_panel=AXES,
+        ),
+    ] = None,
+    orientation: Annotated[
+        Orientation | None,
+        typer.Option(help="Whether grains of forms of their own lie any way or about one.", rich_help_panel=AXES),
+    ] = None,
+    spread: Annotated[
+        float | None,
+        typer.Option(help="Standard deviation [rad] of the turns that part aligned grains.", rich_help_panel=AXES),
+    ] = None,
     trend: Annotated[
         float | None,
         typer.Option(help="Direction of the long axes [rad], counter-clockwise from +x.", rich_help_panel=AXES),
@@ -218,6 +246,19 @@ def generate(
     throat_axes: Annotated[
         str | None, typer.Option(help="Coordinates that change, such as xy.", rich_help_panel=THROATS)
     ] = None,
+    infill: Annotated[
+        float | None,
+        typer.Option(
+            help="Mass of fine grains in the voids over that of all; takes --keep all, or a domain that wraps around.",
+            rich_help_panel=INFILL,
+        ),
+    ] = None,
+    infill_diameter: Annotated[
+        float | None, typer.Option(help="Diameter [m] of their mean volume.", rich_help_panel=INFILL)
+    ] = None,
+    infill_density: Annotated[
+        float | None, typer.Option(help="Their density [kg/m³], by default that of the others.", rich_help_panel=INFILL)
+    ] = None,
     density: Annotated[float, typer.Option(help="Density [kg/m³].")] = 2650.0,
     rng: Rng = 0,
     json_: Json = False,
@@ -239,7 +280,15 @@ def generate(
     }
     if not any(value is not None for value in voids.values()):
         voids["scale"] = 1.0
-    axes = {"elongation": elongation, "flatness": flatness, "trend": trend, "dip": dip}
+    axes = {
+        "elongation": _ratio("--elongation", elongation, elongation_std),
+        "flatness": _ratio("--flatness", flatness, flatness_std),
+        "classes": keyed(zingg or []) or None,
+        "orientation": orientation,
+        "spread": spread,
+        "trend": trend,
+        "dip": dip,
+    }
     sheet = {"path": None if sieves is None else str(sieves), "diameter": sieve_diameter, "fit": sieve_fit}
     moved = {"fraction": throats, "strength": throat_strength, "axes": throat_axes}
     wanted = recipes.make(
@@ -270,6 +319,7 @@ def generate(
             "mean_diameter": mean_diameter,
             "median_diameter": median_diameter,
             "density": density,
+            "infill": _together("--infill", {"share": infill, "diameter": infill_diameter, "density": infill_density}),
             "throats": _together("--throats", moved),
             "sizes": size_table(sizes, size_parameter, size_tolerance),
             "sieves": _together("--sieves", sheet),
@@ -282,6 +332,15 @@ def generate(
     storage.save(packing, output)
     more = recipes.throat_widths_told(packing)
     show_summary(packing, json_=json_, quiet=quiet, title=str(output), more=more)
+
+
+def _ratio(name: str, mean: float | None, std: float | None) -> Any:
+    """Return a ratio of axes as a recipe has it: a mean, or a law with a standard deviation."""
+    if std is None:
+        return mean
+    if mean is None:
+        raise InputError(f"{name}-std is that of {name}: give {name} too")
+    return {"mean": mean, "std": std}
 
 
 def _region(region: str, box: tuple[float, ...] | None) -> Any:

@@ -42,6 +42,14 @@ def pack(
         list[str] | None,
         typer.Option(help="A parameter of the law, such as s=0.3 or scale=1e-3.", rich_help_panel=SIZE),
     ] = None,
+    sieves: Annotated[
+        Path | None,
+        typer.Option(
+            help="A sieve sheet that the grains are to have (.csv, .txt, .tsv): openings, and per cent passing or mass "
+            "retained.",
+            rich_help_panel=SIZE,
+        ),
+    ] = None,
     by: Annotated[Literal["number", "mass"], typer.Option(help="What shares are of.")] = "number",
     side: Annotated[float | None, typer.Option(help="Edge length of a cube [m], instead of --lengths.")] = None,
     lengths: Annotated[
@@ -75,6 +83,7 @@ def pack(
         grains={
             "density": density,
             "sizes": size_table(sizes, size_parameter, None),
+            "sieves": None if sieves is None else {"path": str(sieves)},
             "shapes": {"kinds": [_kind(text) for text in shape], **table},
         },
     )

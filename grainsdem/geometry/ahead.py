@@ -63,6 +63,7 @@ STEPS: dict[str, Step] = {
     "walls": Step(2, ("contacts",)),
     "facets": Step(1),
     "loose": Step(5, ("approaching",)),
+    "between": Step(7, ("cutting", "starting", "emitting")),
 }
 """All steps, each behind those that it comes after; `grainsdem.compiling` says how each is taken."""
 

@@ -20,7 +20,7 @@ from grainsdem.ragged import offsets_from_counts, owners
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from grainsdem.model import Packing
+    from grainsdem.model import Domain, Packing
 
     Floats = NDArray[np.float64]
 
@@ -153,16 +153,19 @@ def near_images(packing: Packing, within: float = 0.0) -> Images:
     lower, upper = boxes(packing)
     # Corners were rounded: moved outward by a few units in the last place, the boxes are certain again.
     margin = 4 * np.finfo(float).eps * np.maximum(np.abs(lower), np.abs(upper)) + 4 * np.finfo(float).tiny
-    lower, upper = lower - margin, upper + margin
-    if not packing.domain.periodic.any():
+    return near_in(packing.domain, lower - margin, upper + margin, within)
+
+
+def near_in(domain: Domain, lower: Floats, upper: Floats, within: float = 0.0) -> Images:
+    """Return the pairs of boxes within a distance [m] in a domain; boxes by their corners [m], shape (n, 3) each."""
+    if not domain.periodic.any():
         pairs = near_pairs(lower, upper, within)
         return Images(pairs, np.zeros((len(pairs), 3), dtype=np.int32))
-    return _wrapped(packing, lower, upper, within)
+    return _wrapped(domain, lower, upper, within)
 
 
-def _wrapped(packing: Packing, lower: Floats, upper: Floats, within: float) -> Images:
+def _wrapped(domain: Domain, lower: Floats, upper: Floats, within: float) -> Images:
     """Find pairs among the boxes moved into the domain and the images of those that reach over its edge."""
-    domain = packing.domain
     period = np.where(domain.periodic, domain.lengths, np.inf)
     home = np.where(domain.periodic, np.floor((0.5 * (lower + upper) - domain.lower) / domain.lengths), 0.0)
     span = np.where(home == 0, 0.0, home * domain.lengths)

@@ -148,6 +148,24 @@ class Grading(Noun):
         high = -np.interp(-share, -self.passing[::-1], -logarithms[::-1])
         return np.asarray(np.exp(0.5 * (low + high)))
 
+    def toward(self, other: Grading, share: float) -> Grading:
+        """Return the curve on the way to another: each percentile's logarithm that share of the way, from 0 to 1.
+
+        Raises
+        ------
+        InputError
+            If the share is out of range, or the curves are of unlike diameters.
+        """
+        if not 0 <= share <= 1:
+            raise InputError(f"a share of the way lies from 0 to 1; got {share}")
+        if self.diameter != other.diameter:
+            raise InputError(f"the curves are of unlike diameters: {self.diameter} and {other.diameter}")
+        marks = np.unique(np.concatenate([self.passing, other.passing]))
+        own, their = (np.log(curve.percentile(100 * marks)) for curve in (self, other))
+        sizes = _rounded(np.exp((1 - share) * own + share * their))
+        is_new = np.append(True, np.diff(sizes) > 0)
+        return Grading(sizes[is_new], np.append(marks[is_new][:-1], 1.0), self.diameter)
+
     def deviation(self, sizes: Floats, masses: Floats) -> float:
         """Return the largest difference of the curve of grains from this one at any opening, as a share of the mass.
 

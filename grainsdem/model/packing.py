@@ -38,7 +38,8 @@ class CellLinks(Noun):
     shifts : array_like of int8, shape (n_faces, 3)
         Periodic image of that neighbour, in whole domain lengths.
     cell_volumes : array_like, shape (n,)
-        Volume [m³] of the cell that each grain was shrunk from.
+        Volume [m³] of the cell that each grain was shrunk from, with its part of the void between cells that do not
+        fill space.
     sites : array_like, shape (n, 3), optional
         Seed [m] that each cell grew from.
     heights : array_like, shape (n_faces,), optional

@@ -1,4 +1,4 @@
-"""Cells that fill a domain."""
+"""Cells of a domain."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _FACES = (-5, -6)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tessellation(Noun):
-    """Cells that fill a domain, and for every face the cell on its other side.
+    """Cells of a domain, and for every face the cell on its other side.
 
     Parameters
     ----------
@@ -42,6 +42,9 @@ class Tessellation(Noun):
         The cell behind each face; a negative number is a wall (see `Domain`).
     shifts : array_like of int8, shape (n_faces, 3)
         Periodic image of that neighbour, in whole domain lengths; zeros without periodic axes.
+    fill : float
+        Share of the domain that the cells fill, in (0, 1]: one, but for cells of unlike forms, which leave void between
+        them. Each cell is taken to have its part of that void.
     """
 
     domain: Domain
@@ -50,6 +53,7 @@ class Tessellation(Noun):
     cells: Polyhedra
     neighbors: Ints
     shifts: NDArray[np.int8]
+    fill: float = 1.0
 
     def __post_init__(self) -> None:
         n = len(self.cells)
@@ -57,6 +61,8 @@ class Tessellation(Noun):
         self.freeze("weights", np.float64, n)
         neighbors = self.freeze("neighbors", np.int32, self.cells.n_faces)
         self.freeze("shifts", np.int8, self.cells.n_faces, 3)
+        if not 0 < self.fill <= 1:
+            raise ShapeError(f"fill must lie in (0, 1]; got {self.fill}")
         if neighbors.size and neighbors.max() >= n:
             raise ShapeError(f"neighbors must be below the number of cells {n}; got {neighbors.max()}")
 

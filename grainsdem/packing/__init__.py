@@ -3,6 +3,7 @@
 from grainsdem.packing.carve import carve, subset
 from grainsdem.packing.contacts import contacts, neighbor_contacts
 from grainsdem.packing.heal import Healed, heal
+from grainsdem.packing.infill import infill
 from grainsdem.packing.inset import inset
 from grainsdem.packing.optimal import VOID_RELATIONS, SortingRelation, VoidRelation, fit_void_ratio
 from grainsdem.packing.shrink import ratio_to, rescale, resize, shrink, size_of
@@ -18,6 +19,7 @@ __all__ = [
     "contacts",
     "fit_void_ratio",
     "heal",
+    "infill",
     "inset",
     "jitter_throats",
     "neighbor_contacts",

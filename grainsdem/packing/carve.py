@@ -33,7 +33,7 @@ def carve(
     density: ArrayLike = QUARTZ_DENSITY,
     classes: ArrayLike | None = None,
 ) -> Packing:
-    """Return the cells as grains that still touch: porosity zero, ready to be shrunk.
+    """Return the cells as grains that still touch, ready to be shrunk: of porosity zero where they fill space.
 
     Parameters
     ----------
@@ -100,7 +100,13 @@ def carve(
         identity_quaternions(kept.size),
         densities[kept],
         cells.domain,
-        CellLinks(neighbors, cells.shifts[faces], measured.volumes, cells.sites[kept], face_planes(grains).heights),
+        CellLinks(
+            neighbors,
+            cells.shifts[faces],
+            measured.volumes / cells.fill,
+            cells.sites[kept],
+            face_planes(grains).heights,
+        ),
         classes=None if classes is None else _each(classes, len(cells))[kept],
     ).with_step("carve", keep=keep, n_cells=len(cells), n_grains=int(kept.size))
 

@@ -12,10 +12,12 @@ import numpy as np
 from grainsdem.errors import InputError
 from grainsdem.gate import gated
 from grainsdem.packing.carve import unwarned
-from grainsdem.recipe.grains import Layers, laid_out, shape, size_ratio, sized
+from grainsdem.recipe.grains import Layers, SievesTable, laid_out, shape, size_ratio, sized
 from grainsdem.recipe.seeds import place
 from grainsdem.recipe.words import Monitor, Silent, counting_words
 from grainsdem.tessellation import relax, shaped_cells, tessellate
+from grainsdem.tessellation.graded import TOLERANCE, Wish
+from grainsdem.tessellation.mixed import Asked, reshaped
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -24,7 +26,7 @@ if TYPE_CHECKING:
 
     from grainsdem.model import Domain, Packing, Tessellation
     from grainsdem.recipe.tables import Recipe
-    from grainsdem.tessellation import Metric
+    from grainsdem.tessellation import Forms, Metric
 
 LOG = logging.getLogger(__name__)
 
@@ -36,6 +38,9 @@ PILOT = 1000
 
 _BEDS = 8
 """Beds that are grown to find the number: each is nearer by two digits, until chance decides."""
+
+_MIXED_BEDS, _CLOSE_MIXED = 3, 4e-3
+"""The same of beds of forms of grains' own, which take long, and of whose cells chance keeps more or fewer."""
 
 _CLOSE = 5e-4
 """Relative error of the grains' size at which no other number is tried: large beds are as near after two or three."""
@@ -54,20 +59,31 @@ def grow(recipe: Recipe, monitor: Monitor | None = None) -> Packing:
     is_scaled = not recipe.is_metric
     # The recipe comes first: it is what the other steps follow from.
     first = [json.dumps({"step": "recipe", **recipe.model_dump(mode="json")}, sort_keys=True)]
-    sizes, shapes = recipe.grains.sizes, recipe.grains.shapes
+    sizes, sieves, shapes = recipe.grains.sizes, recipe.grains.sieves, recipe.grains.shapes
     if shapes is not None:
         domain = recipe.domain.make() if recipe.domain.is_measured else None
         rng, density = stream(recipe, _SHAPES), recipe.grains.density
+        for line in () if sieves is None else sieves.assumed():
+            LOG.warning("%s", line)
         with monitor.stage("Laying out grains") as tell:
-            packing = laid_out(shapes, sizes, density, domain, rng=rng, progress=counting_words(tell, "grains"))
+            packing = laid_out(
+                shapes, sizes or sieves, density, domain, rng=rng, progress=counting_words(tell, "grains")
+            )
         return replace(packing, provenance=(*first, *packing.provenance))
     if recipe.seeds.wants_count and recipe.seeds.count is None and sizes is not None and sizes.is_list:
         recipe = _with_count(recipe, len(sizes.listed()))
-    if recipe.is_count_open:
+    is_open = recipe.is_count_open
+    if is_open:
         with monitor.stage("Counting seeds") as tell:
             recipe, count = _counted(recipe, tell)
+    packing, wanted = _grown(recipe, monitor, is_scaled=is_scaled)
+    if is_open:
+        if recipe.grains.axes is not None and recipe.grains.axes.is_mixed:
+            packing, count = _recounted(recipe, packing, wanted, count, monitor)
         first.append(json.dumps({"step": "count", "count": count}, sort_keys=True))
-    packing, _ = _grown(recipe, monitor, is_scaled=is_scaled)
+    if recipe.grains.infill is not None:
+        with monitor.stage("Filling voids") as tell:
+            packing = recipe.grains.filled(packing, stream(recipe, _INFILL), counting_words(tell, "relaxations"))
     return replace(packing, provenance=(*first, *packing.provenance))
 
 
@@ -76,7 +92,7 @@ def stream(recipe: Recipe, stage: int) -> np.random.Generator:
     return np.random.default_rng([recipe.rng, stage])
 
 
-SEEDS, _THROATS, _SIZES, _SHAPES = 0, 2, 3, 5  # stage 1 is pouring
+SEEDS, _THROATS, _SIZES, _SHAPES, _FORMS, _INFILL = 0, 2, 3, 5, 6, 7  # stage 1 is pouring
 
 
 def _grown(
@@ -92,6 +108,10 @@ def _grown(
     growth = _Growth(recipe, seeds, monitor, is_pilot=is_pilot)
     if grains.axes is None:
         cells = growth.grow(domain, None)
+    elif grains.axes.is_mixed:
+        cells = growth.grow(domain, None)
+        # The number of seeds that a size takes hangs on no form.
+        cells = cells if is_pilot else growth.mix(cells, grains.axes.forms())
     else:
         cells, _ = shaped_cells(domain, grains.axes.shape(), growth.grow, keep=grains.keep)
     packing = shape(
@@ -137,6 +157,33 @@ class _Growth:
                 cells, self.wanted = sized(asked, seeds, domain, rng, keep=keep, metric=metric, progress=told)
             return cells
 
+    def mix(self, cells: Tessellation, forms: Forms) -> Tessellation:
+        """Return the cells given forms of their own."""
+        grains, monitor = self._recipe.grains, self._monitor
+        asked = None
+        source = grains.prescribed
+        if self.wanted is not None and source is not None:
+            has_curve = not (isinstance(source, Layers) or source.is_list)
+            wish = Wish(source.curve(), cells.domain, None) if has_curve else None  # type: ignore[union-attr]
+            tolerance = source.tolerance if isinstance(source, SievesTable) else TOLERANCE
+            asked = Asked(self.wanted, wish, tolerance)
+        with monitor.stage("Giving grains their forms") as tell:
+
+            def told(done: int, off: float) -> None:
+                tell(done / (done + 1), f"round {done}, off by {off:.2g} of what is allowed")
+
+            found = reshaped(
+                cells,
+                forms,
+                keep=grains.keep,
+                asked=asked,
+                rng=stream(self._recipe, _FORMS),
+                progress=told,
+            )
+        if self.wanted is not None:
+            self.wanted = found.diameters
+        return found.cells
+
     def _density(self, metric: Metric | None) -> Callable[[NDArray[np.float64]], NDArray[np.float64]] | None:
         """Return the density that seeds are relaxed by, a function of points [m] of the space that they are in."""
         grade = self._recipe.seeds.grade
@@ -167,6 +214,33 @@ def _counted(recipe: Recipe, tell: Callable[[float, str], None]) -> tuple[Recipe
         n = max(1, round(needed))
     best = min(tried, key=lambda count: abs(np.log(tried[count])))
     return _with_count(recipe, best), best
+
+
+def _recounted(
+    recipe: Recipe, packing: Packing, wanted: NDArray[np.float64] | None, count: int, monitor: Monitor
+) -> tuple[Packing, int]:
+    """Return a bed of forms of grains' own of the size asked for, and its number of seeds.
+
+    Fewer of its cells touch a wall than of those that the seeds were counted by, so that more grains have the curve.
+    """
+    best, tried = packing, count
+    ratio = nearest = size_ratio(recipe.grains, packing, wanted)
+    for _ in range(_MIXED_BEDS - 1):
+        if abs(nearest - 1) <= _CLOSE_MIXED:
+            break
+        count = max(1, round(count * ratio**3))
+        _refuse_more(count)
+        packing, wanted = _grown(_with_count(recipe, count), monitor, is_scaled=False)
+        ratio = size_ratio(recipe.grains, packing, wanted)
+        if abs(ratio - 1) < abs(nearest - 1):
+            best, tried, nearest = packing, count, ratio
+    if abs(nearest - 1) > _CLOSE_MIXED:
+        LOG.warning(
+            "the grains' diameters are all %.2g %% %s than those asked for, as the domain's size is given, too: with "
+            "seeds.count = %d and the domain's proportions alone they are as asked for",
+            100 * abs(nearest - 1), "larger" if nearest > 1 else "smaller", tried,
+        )  # fmt: skip
+    return best, tried
 
 
 def _room(recipe: Recipe, power: int) -> float:

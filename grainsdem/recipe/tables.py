@@ -24,7 +24,7 @@ from grainsdem.recipe.views.tables import PlanformTable, SectionTable, VoxelsTab
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from pydantic import SerializerFunctionWrapHandler
 
@@ -279,8 +279,8 @@ def read(path: str | os.PathLike[str]) -> Recipe:
 
 def _found_beside(table: _Sized, folder: Path) -> _Sized:
     """Return a table whose files of sizes are those in a folder."""
-    for name in ("sizes", "sieves"):
-        sizes = getattr(table, name)
+    for name in ("sizes", "sieves", "top"):
+        sizes = getattr(table, name, None)
         if sizes is not None and sizes.path is not None:
             table = table.model_copy(update={name: sizes.model_copy(update={"path": str(folder / sizes.path)})})
     return table
@@ -327,6 +327,13 @@ def _table_at(path: Sequence[Any]) -> type[BaseModel]:
     found: type[BaseModel] = recipe_model()
     for key in path:
         field = found.model_fields.get(str(key))
-        kinds = [] if field is None else [field.annotation, *get_args(field.annotation)]
-        found = next((kind for kind in kinds if isinstance(kind, type) and issubclass(kind, BaseModel)), found)
+        found = next(_models(None if field is None else field.annotation), found)
     return found
+
+
+def _models(annotation: Any) -> Iterator[type[BaseModel]]:
+    """Yield the models that a type is made of, however deep."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for part in get_args(annotation):
+        yield from _models(part)

@@ -8,9 +8,11 @@ import numpy as np
 
 from grainsdem.errors import InputError, ShapeError, name_offenders
 from grainsdem.geometry.defects import find_defects
+from grainsdem.geometry.forms.holes import square_holes
 from grainsdem.geometry.hulls import FLAT, convex_hull
 from grainsdem.geometry.selection import select
 from grainsdem.model import Polyhedra
+from grainsdem.roots import cube_roots, raised
 from grainsdem.shapes.scans import Scans
 from grainsdem.shapes.sizing import centred, sized, together
 
@@ -19,12 +21,18 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
+    from grainsdem.model import Grading
+
     Floats = NDArray[np.float64]
     Ints = NDArray[np.int64]
 
 
 _DENT = 1e-6
 """How far from convex a shape may be, relative to its diameter: single precision of a file leaves a tenth of it."""
+
+
+SIEVED = 5e-3
+"""Largest difference of the grains' curve from a grading at any opening, as a share of the mass."""
 
 
 class Law(Protocol):
@@ -115,6 +123,33 @@ def diameters_of(sizes: ArrayLike | Law, n: int | None, rng: np.random.Generator
     if bad.size:
         raise InputError(f"sizes must be positive and finite; those of grains {name_offenders(bad)} are not")
     return values
+
+
+def of_grading(
+    curve: Grading, kinds: Kinds, n: int, *, shares: Floats, densities: Floats, by: str, rng: np.random.Generator
+) -> tuple[Floats, Ints, Ints]:
+    """Return equal-volume diameter [m], kind and shape of n grains that together have a curve, shape (n,) each.
+
+    Raises
+    ------
+    InputError
+        If so few grains cannot have the curve within `SIEVED`.
+
+    Notes
+    -----
+    Each shape passes a hole of its own share of its diameter, and has its own density: which grain is of which shape is
+    drawn first, and its size then from the curve, with the mass that it has at that size.
+    """
+    ratios = square_holes(kinds.shapes) if curve.diameter == "sieve" else np.ones(len(kinds.shapes))
+    counts = np.diff(kinds.offsets)
+    mean_cubes = np.add.reduceat(1 / raised(ratios, 3), kinds.offsets[:-1]) / counts
+    kind_of = dealt(curve.draw(n, tolerance=None), shares, densities * mean_cubes, by, rng)
+    shape_of = kinds.offsets[kind_of] + (rng.random(n) * counts[kind_of]).astype(np.int64)
+    # A heavy grain weighs as much as a larger one.
+    weights = cube_roots(densities[kind_of] / densities.max())
+    sizes = curve.draw(n, ratios=ratios[shape_of] / weights, tolerance=SIEVED)
+    order = rng.permutation(n)
+    return (sizes / ratios[shape_of])[order], kind_of[order], shape_of[order]
 
 
 def shares_of(shares: ArrayLike | None, n_kinds: int) -> Floats:

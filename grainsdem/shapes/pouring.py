@@ -14,8 +14,8 @@ from grainsdem.geometry.integrals import face_planes, volumes
 from grainsdem.geometry.loose import Arrivals, admit, as_bodies
 from grainsdem.geometry.rotations import identity_quaternions, random_quaternions
 from grainsdem.geometry.selection import select
-from grainsdem.model import QUARTZ_DENSITY, Domain, Packing
-from grainsdem.shapes.mixing import dealt, diameters_of, kinds_of, shares_of
+from grainsdem.model import QUARTZ_DENSITY, Domain, Grading, Packing
+from grainsdem.shapes.mixing import dealt, diameters_of, kinds_of, of_grading, shares_of
 from grainsdem.shapes.sizing import scaled
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ _RAISES = 300
 @gated
 def pack(
     shapes: Polyhedra | Scans | Sequence[Polyhedra | Scans],
-    sizes: ArrayLike | Law,
+    sizes: ArrayLike | Law | Grading,
     domain: Domain | None = None,
     *,
     n: int | None = None,
@@ -76,9 +76,10 @@ def pack(
     shapes : Polyhedra, Scans, or a sequence of them
         Convex shapes of any size. Of a sequence each entry is one kind: of an entry of many shapes every grain of that
         kind has one, drawn at random. Of a single set of shapes each shape is a kind.
-    sizes : float, array_like, shape (n,), or a law
+    sizes : float, array_like, shape (n,), a law or a Grading
         Diameter [m] of the sphere of each grain's volume; or one for all, or a distribution with quantiles (``ppf``, as
-        those of `scipy.stats` have) that ``n`` grains take at equal steps of probability.
+        those of `scipy.stats` have) that ``n`` grains take at equal steps of probability; or a curve of percent passing
+        by mass that ``n`` grains have, of square holes that they pass or of equal-volume diameters.
     domain : Domain, optional
         What they are poured into: they fill it from the floor. By default a box as wide as high, and no narrower than
         four of the largest grain.
@@ -120,16 +121,24 @@ def pack(
     """
     generator = np.random.default_rng(rng)
     kinds = kinds_of(shapes)
-    diameters = diameters_of(sizes, n, generator)
     densities = np.asarray(density, dtype=np.float64)
     if densities.shape not in ((), (len(kinds),)):
         raise ShapeError(f"density must be one number, or one for each of {len(kinds)} kinds; got {densities.shape}")
     if not (np.isfinite(densities).all() and (densities > 0).all()):
         raise InputError(f"density must be positive and finite; got {densities.tolist()}")
     densities = np.broadcast_to(densities, len(kinds))
-    kind_of = dealt(diameters, shares_of(shares, len(kinds)), densities, by, generator)
-    counts = np.diff(kinds.offsets)[kind_of]
-    shape_of = kinds.offsets[kind_of] + (generator.random(diameters.size) * counts).astype(np.int64)
+    asked = shares_of(shares, len(kinds))
+    if isinstance(sizes, Grading):
+        if n is None:
+            raise InputError("a grading needs the number of grains, n")
+        diameters, kind_of, shape_of = of_grading(
+            sizes, kinds, n, shares=asked, densities=densities, by=by, rng=generator
+        )
+    else:
+        diameters = diameters_of(sizes, n, generator)
+        kind_of = dealt(diameters, asked, densities, by, generator)
+        counts = np.diff(kinds.offsets)[kind_of]
+        shape_of = kinds.offsets[kind_of] + (generator.random(diameters.size) * counts).astype(np.int64)
     grains = scaled(select(kinds.shapes, shape_of)[0], diameters)
     room = _Room(domain, solid_fraction, higher)
     arrivals, box = room.filled_with(grains, diameters, generator, progress)

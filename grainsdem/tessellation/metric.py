@@ -80,11 +80,7 @@ class Metric(Noun):
         # a · b · c = 1
         a = (low * low * high) ** (-1 / 3)
         sizes = (a, a * low, a * low * high)
-        t, d = (_exact(trend), _exact(dip))
-        long_axis = (t[0] * d[0], t[1] * d[0], d[1])
-        middle = (-t[1], t[0], 0.0)
-        short = (-t[0] * d[1], -t[1] * d[1], d[0])
-        axes = (long_axis, middle, short)
+        axes = frame_along(trend, dip)
         matrix = np.array(
             [
                 [sum(size * axis[i] * axis[j] for size, axis in zip(sizes, axes, strict=True)) for j in range(3)]
@@ -161,6 +157,12 @@ class Metric(Noun):
         # The adjugate: the determinant is 1. Not LAPACK, whose last bit is the processor's.
         rows = [np.cross(m[1], m[2]), np.cross(m[2], m[0]), np.cross(m[0], m[1])]
         return np.array(rows).T
+
+
+def frame_along(trend: float, dip: float) -> tuple[tuple[float, float, float], ...]:
+    """Return the long, the middle and the short axis of what lies along a trend and dip [rad]; see `Metric.along`."""
+    t, d = _exact(trend), _exact(dip)
+    return (t[0] * d[0], t[1] * d[0], d[1]), (-t[1], t[0], 0.0), (-t[0] * d[1], -t[1] * d[1], d[0])
 
 
 _FIRST_PLANE = -7  # as `Domain` numbers walls

@@ -1,10 +1,11 @@
 """``[grains]``: what the cells become, and the sizes that they are to have."""
 
+from grainsdem.recipe.grains.axes import AxesTable
 from grainsdem.recipe.grains.layers import Layers, LayerTable
 from grainsdem.recipe.grains.shapes import ShapesTable, laid_out
 from grainsdem.recipe.grains.sieves import SievesTable
 from grainsdem.recipe.grains.sizes import SizesTable, sized
-from grainsdem.recipe.grains.table import AxesTable, GrainsTable, ThroatsTable, shape, size_ratio
+from grainsdem.recipe.grains.table import GrainsTable, ThroatsTable, shape, size_ratio
 
 __all__ = [
     "AxesTable",

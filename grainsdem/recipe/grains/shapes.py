@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 
 from grainsdem import shapes
 from grainsdem.recipe.base import Positive, Table
+from grainsdem.recipe.grains.sieves import SievesTable
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -98,8 +99,8 @@ class KindTable(Table):
 class ShapesTable(Table):
     """``[grains.shapes]``: grains of given shapes, loose and ready to settle, instead of grains grown from ``[seeds]``.
 
-    Their sizes are those of ``[grains.sizes]``, or of one ``diameter``. They fill the domain from its floor, or a
-    box of their own where it has no lengths.
+    Their sizes are those of ``[grains.sizes]`` or ``[grains.sieves]``, or of one ``diameter``. They fill the domain
+    from its floor, or a box of their own where it has no lengths.
 
     Parameters
     ----------
@@ -124,10 +125,10 @@ class ShapesTable(Table):
     solid_fraction: Annotated[float, Field(gt=0, lt=0.6)] | None = None
     higher: bool = True
 
-    def refuse_without_sizes(self, sizes: SizesTable | None) -> None:
+    def refuse_without_sizes(self, sizes: SizesTable | None, sieves: SievesTable | None) -> None:
         """Raise `ValueError` unless number and sizes of the grains are known."""
-        if (sizes is None) == (self.diameter is None):
-            raise ValueError("the grains of shapes have sizes, or all one shapes.diameter: give one of the two")
+        if sum(source is not None for source in (sizes, sieves, self.diameter)) != 1:
+            raise ValueError("the grains of shapes have sizes, sieves, or all one shapes.diameter: give one of them")
         is_counted = sizes is not None and sizes.is_list
         if is_counted == (self.count is not None):
             told = "the list of sizes tells how many grains there are: leave out" if is_counted else "give"
@@ -144,7 +145,7 @@ class ShapesTable(Table):
 
 def laid_out(
     table: ShapesTable,
-    sizes: SizesTable | None,
+    sizes: SizesTable | SievesTable | None,
     density: float,
     domain: Domain | None,
     *,
@@ -156,8 +157,9 @@ def laid_out(
     options: dict[str, Any] = {} if table.solid_fraction is None else {"solid_fraction": table.solid_fraction}
     return shapes.pack(
         kinds,
-        _diameters(table, sizes, rng),
+        sizes.curve() if isinstance(sizes, SievesTable) else _diameters(table, sizes, rng),
         domain,
+        n=table.count if isinstance(sizes, SievesTable) else None,
         shares=[kind.share for kind in table.kinds],
         by=table.by,
         density=[kind.density or density for kind in table.kinds],

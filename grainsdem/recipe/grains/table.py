@@ -14,6 +14,7 @@ from grainsdem.packing import (
     VOID_RELATIONS,
     carve,
     fit_void_ratio,
+    infill,
     jitter_throats,
     ratio_to,
     rescale,
@@ -22,21 +23,24 @@ from grainsdem.packing import (
     size_of,
 )
 from grainsdem.packing.carve import unwarned
+from grainsdem.packing.infill import coarse_solid_fraction
 from grainsdem.recipe.base import Coefficient, Fraction, Positive, Table
+from grainsdem.recipe.grains.axes import AxesTable
 from grainsdem.recipe.grains.layers import Layers, LayerTable
 from grainsdem.recipe.grains.shapes import ShapesTable
 from grainsdem.recipe.grains.sieves import SievesTable
 from grainsdem.recipe.grains.sizes import SizesTable
-from grainsdem.tessellation.metric import FLATTEST, Shape
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     from grainsdem.model import Packing, Tessellation
 
 Corner = tuple[float, float, float]
 
-_OF_CELLS = ("sieves", "layer", "axes")
+_OF_CELLS = ("layer", "axes", "infill")
 """Tables that say what cells become."""
 
 VOIDS = ("porosity", "solid_fraction", "void_ratio", "scale", "gap", "relation")
@@ -75,35 +79,28 @@ class ThroatsTable(Table):
         return self
 
 
-class AxesTable(Table):
-    """``[grains.axes]``: mean proportions of the grains, and how they lie.
+class InfillTable(Table):
+    """``[grains.infill]``: fine grains in the voids between the others, which stay as they are.
+
+    The porosity asked for is that of the whole; the coarse grains are shrunk to what is left for them. Coarse grains
+    have the class 0, fine ones 1. It takes ``keep = "all"``, or a domain that wraps around.
 
     Parameters
     ----------
-    elongation, flatness : float, optional
-        Mean of b/a and of c/b, the edges of each grain's smallest box with a side on one of its faces, a >= b >= c; one
-        of them or both. Had within 2 %; grains are as equant as they grow, or less.
-    trend : float
-        Direction [rad] of the long axes in the plane, counter-clockwise from +x.
-    dip : float
-        Imbrication [rad]: by how much the flat sides are turned up about the middle axes, the end of the long axis that
-        points along the trend raised.
+    share : float
+        Mass of the fine grains over that of all, had exactly.
+    diameter : float
+        Diameter [m] of the sphere of their mean volume.
+    density : float, optional
+        Density [kg/m³] of the fine grains; that of ``[grains]`` where not given.
+    relaxations : int
+        How many times their seeds move to the centroids of their cells.
     """
 
-    elongation: Annotated[float, Field(ge=FLATTEST, le=1)] | None = None
-    flatness: Annotated[float, Field(ge=FLATTEST, le=1)] | None = None
-    trend: Annotated[float, Field(allow_inf_nan=False)] = 0.0
-    dip: Annotated[float, Field(allow_inf_nan=False)] = 0.0
-
-    @model_validator(mode="after")
-    def _has_a_ratio(self) -> Self:
-        if self.elongation is None and self.flatness is None:
-            raise ValueError("give elongation, flatness or both")
-        return self
-
-    def shape(self) -> Shape:
-        """Return the proportions asked for."""
-        return Shape(self.elongation, self.flatness, self.trend, self.dip)
+    share: Annotated[float, Field(gt=0, lt=1)]
+    diameter: Positive
+    density: Positive | None = None
+    relaxations: Annotated[int, Field(ge=0)] = 8
 
 
 class GrainsTable(Table):
@@ -131,7 +128,7 @@ class GrainsTable(Table):
         the whole bed is scaled to it, and only the domain's proportions count; without, the count follows.
     density : float
         Density [kg/m³].
-    throats, sizes, sieves, layer, axes, shapes : tables, optional
+    throats, sizes, sieves, layer, axes, infill, shapes : tables, optional
         See each; one of sizes, sieves and layers. With shapes the other keys have no use, but for the density.
     """
 
@@ -152,6 +149,7 @@ class GrainsTable(Table):
     sieves: SievesTable | None = None
     layer: tuple[LayerTable, ...] = ()
     axes: AxesTable | None = None
+    infill: InfillTable | None = None
     shapes: ShapesTable | None = None
 
     @field_validator("region", mode="before")
@@ -192,6 +190,8 @@ class GrainsTable(Table):
             raise ValueError(f"give one of sizes, sieves and layers; got {', '.join(named)}")
         if self.layer and self.axes is not None and (self.axes.trend or self.axes.dip):
             raise ValueError("layers are level: leave out trend and dip of axes, or the layers")
+        if self.layer and self.axes is not None and self.axes.is_mixed:
+            raise ValueError("grains in layers have mean proportions: give one elongation and one flatness, no classes")
         if self.gap is not None and self.prescribed is not None:
             given = named[0]
             raise ValueError(f"a gap takes more from small grains than from large ones: give {given} or gap")
@@ -202,6 +202,40 @@ class GrainsTable(Table):
             raise ValueError("grains that fill their cells have no room to move: leave out throats, or give more void")
         return self
 
+    @model_validator(mode="after")
+    def _infill_has_its_voids(self) -> Self:
+        if self.infill is None or self.shapes is not None:
+            return self
+        if self.void_asked is None or self.region != "cells":
+            raise ValueError("an infill takes the porosity, solid_fraction or void_ratio of the whole domain: give one")
+        if self.throats is not None or self.layer:
+            idle = "throats" if self.throats is not None else "layers"
+            raise ValueError(f"grains with an infill between them have no {idle}: leave them out, or infill")
+        return self
+
+    @property
+    def void_asked(self) -> float | None:
+        """The porosity asked for, if it is."""
+        if self.porosity is not None:
+            return self.porosity
+        if self.solid_fraction is not None:
+            return 1 - self.solid_fraction
+        return None if self.void_ratio is None else self.void_ratio / (1 + self.void_ratio)
+
+    def filled(self, packing: Packing, rng: np.random.Generator, progress: Callable[[int, int], None]) -> Packing:
+        """Return the bed with its infill, if it has one."""
+        if self.infill is None:
+            return packing
+        return infill(
+            packing,
+            share=self.infill.share,
+            diameter=self.infill.diameter,
+            density=self.infill.density or self.density,
+            relaxations=self.infill.relaxations,
+            rng=rng,
+            progress=progress,
+        )
+
     def _without_cells(self, shapes: ShapesTable) -> Self:
         """Refuse what is done to cells beside grains that come from none."""
         idle = [
@@ -211,7 +245,7 @@ class GrainsTable(Table):
         ]
         if idle:
             raise ValueError(f"grains of shapes come from no cells: leave out {', '.join(idle)}")
-        shapes.refuse_without_sizes(self.sizes)
+        shapes.refuse_without_sizes(self.sizes, self.sieves)
         return self
 
     @property
@@ -296,6 +330,10 @@ def size_ratio(table: GrainsTable, packing: Packing, wanted: NDArray[np.float64]
 def _shrunk(packing: Packing, table: GrainsTable) -> Packing:
     if table.relation is not None:
         return fit_void_ratio(packing, relation=table.relation, about=table.about, region=table.region)
+    if table.infill is not None and table.void_asked is not None:
+        own, share = table.infill.density or table.density, table.infill.share
+        solid = coarse_solid_fraction(table.void_asked, share, table.density, own)
+        return shrink(packing, solid_fraction=solid, about=table.about)
     voids = {name: getattr(table, name) for name in VOIDS if name != "relation"}
     return shrink(packing, **voids, about=table.about, region=table.region)
 
