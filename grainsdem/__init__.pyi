@@ -75,7 +75,7 @@ from .measures import (
     zingg,
 )
 from .measures.planform import (
-    Lens,
+    CameraLens,
     Planform,
     pebble_count,
     photograph,
@@ -160,6 +160,7 @@ __version__: str
 __all__ = [
     "VOID_RELATIONS",
     "ArgumentError",
+    "CameraLens",
     "CellLinks",
     "Check",
     "ContactGraph",

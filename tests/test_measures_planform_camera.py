@@ -14,7 +14,7 @@ from grainsdem.cli import app
 from grainsdem.errors import InputError
 from grainsdem.geometry.raster.above import shadows
 from grainsdem.measures.planform.camera.colors import LUMINANCE, STONES, drawn_colors, mixture
-from grainsdem.measures.planform.camera.lens import Lens, vignetting
+from grainsdem.measures.planform.camera.lens import CameraLens, vignetting
 from grainsdem.measures.planform.camera.textures import texture
 from grainsdem.measures.planform.camera.wetting import INDEX, MIRRORED, wet_reflectance
 from grainsdem.measures.planform.files import labels_content
@@ -82,7 +82,7 @@ def test_under_a_lamp_shadows_are_as_long_as_similar_triangles_say():
 @pytest.mark.parametrize(("k1", "k2"), [(-0.3, 0.0), (-0.2, 0.05), (0.4, 0.0), (0.3, -0.1), (-0.25, -0.01), (0.0, 0.2)])
 @pytest.mark.parametrize("shape", [(60, 100), (80, 80)])
 def test_a_lens_and_its_inverse_round_trip_and_show_nothing_beyond_the_view(k1, k2, shape):
-    lens = Lens(k1, k2, shape)
+    lens = CameraLens(k1, k2, shape)
     r = np.linspace(0, 1, 1001)
     np.testing.assert_allclose(lens.inward(lens.outward(r)), r, rtol=0, atol=1e-12)
     rows, columns = lens.places()
@@ -101,9 +101,9 @@ def test_a_lens_and_its_inverse_round_trip_and_show_nothing_beyond_the_view(k1, 
 @pytest.mark.unit
 def test_lines_stay_straight_without_distortion_and_bow_as_the_formula_says_with_it():
     picture = np.tile(np.arange(101.0), (101, 1))  # what is drawn is the column that is seen
-    assert Lens(0.0, 0.0, (101, 101)).drawn(picture) is picture
+    assert CameraLens(0.0, 0.0, (101, 101)).drawn(picture) is picture
     for k1 in (-0.2, 0.2):
-        lens = Lens(k1, 0.0, (101, 101))
+        lens = CameraLens(k1, 0.0, (101, 101))
         drawn = lens.drawn(picture)
         for row, column in ((50, 80), (10, 80), (3, 20)):
             photo = np.array([column - 50, row - 50]) / lens.half_diagonal
@@ -122,7 +122,7 @@ def test_labels_match_the_photograph_pixel_by_pixel_through_a_lens(bed, seen, tm
     image, labels = np.load(tmp_path / "image.npy"), np.load(tmp_path / "labels.npy")
     straight = gd.photograph(seen, bed, ambient=0.6, rng=3)
     told = json.loads((tmp_path / "planform.json").read_text())["lens"]
-    rows, columns = Lens(-0.2, 0.02, seen.labels.shape).places()
+    rows, columns = CameraLens(-0.2, 0.02, seen.labels.shape).places()
     assert told["pixel_in_the_middle"] == pytest.approx(0.01 * (columns[40, 51] - columns[40, 50]), rel=1e-3)
     assert (labels != seen.labels).mean() > 0.1
     # Inside one face the photograph has that face's grey, and the label is its grain's.
@@ -143,7 +143,7 @@ def test_labels_match_the_photograph_pixel_by_pixel_through_a_lens(bed, seen, tm
 def test_corners_lose_what_the_vignette_says_by_cos_to_the_fourth(plain):
     view, packing = plain
     grey = gd.photograph(view, packing, **PLAIN, vignette=0.4)
-    radii = Lens(0.0, 0.0, view.labels.shape).radii()
+    radii = CameraLens(0.0, 0.0, view.labels.shape).radii()
     assert vignetting(np.array([0.0, 1.0]), 0.4) == pytest.approx([1.0, 0.6])
     slope = np.tan(np.arccos(0.6**0.25))
     np.testing.assert_allclose(grey, 0.2 * np.cos(np.arctan(slope * radii)) ** 4, rtol=1e-12)

@@ -71,7 +71,7 @@ def test_an_image_and_its_row_are_those_of_the_bed_and_the_seeds_that_the_row_na
     view = gd.planform(bed, pixel=pixel, region=(lower, lower + pixel * np.array([40, 32])))
     image = gd.photograph(view, bed, **camera, rng=rng)
     assert (whole / row["file"]).read_bytes() == image_content(image, "png")
-    lens = gd.Lens(camera["lens"][0], 0.0, (32, 40))
+    lens = gd.CameraLens(camera["lens"][0], 0.0, (32, 40))
     assert (whole / "image_0004.labels.png").read_bytes() == labels_content(lens.nearest(view.labels), "png")
     assert row["scale"] == pytest.approx(pixel * lens.scale)
     truth = gd.planform_table(view, bed)

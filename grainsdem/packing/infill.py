@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from grainsdem.errors import InputError
+from grainsdem.gate import gated
 from grainsdem.geometry.ahead import compiled
 from grainsdem.geometry.bounds import boxes, near_in
 from grainsdem.geometry.integrals import face_planes, integrate, volumes
 from grainsdem.geometry.rotations import identity_quaternions, to_matrices
 from grainsdem.geometry.selection import select
 from grainsdem.model import DROPPED, Packing, Polyhedra
-from grainsdem.model.given import require_packing
 from grainsdem.points.poisson import uniform
 from grainsdem.ragged import offsets_from_counts, owners, take_indices
 from grainsdem.roots import cube_roots
@@ -48,6 +48,7 @@ _BATCHES = 200
 """Times that seeds are thrown into the domain until enough are in its voids."""
 
 
+@gated
 def infill(
     packing: Packing,
     *,
@@ -157,7 +158,6 @@ def _refuse_more(wanted: float, held: float, coarse: float, own: float, share: f
 
 
 def _checked(packing: Packing) -> Packing:
-    require_packing(packing)
     if packing.domain.is_planar:
         raise InputError("a slab is one grain thick: its voids hold no infill")
     if len(packing) == 0 or packing.links is None:

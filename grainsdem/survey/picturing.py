@@ -16,7 +16,7 @@ from grainsdem.geometry.forms.sizes import grain_diameters
 from grainsdem.measures import summary
 from grainsdem.measures.grains.files import table_content
 from grainsdem.measures.planform import pebble_count, photograph, planform, planform_table, size_percentiles
-from grainsdem.measures.planform.camera.lens import Lens
+from grainsdem.measures.planform.camera.lens import CameraLens
 from grainsdem.measures.planform.files import image_content, labels_content
 from grainsdem.packing.carve import unwarned
 
@@ -163,7 +163,7 @@ def _photographed(bed: Packing, sitting: Sitting, picture: Picture) -> Row:
     drawn = table.draw(generator)
     view = _framed(bed, table, drawn)
     image = photograph(view, bed, **drawn.camera, rng=generator)
-    lens = Lens.of(view, drawn.camera["lens"])
+    lens = CameraLens.of(view, drawn.camera["lens"])
     labels, rows = lens.nearest(view.labels), planform_table(view, bed)
     counted = pebble_count(view, bed, table.stones, rows=rows, rng=generator)
     content = [image_content(image, suffix) for suffix in table.formats]

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 
 from grainsdem.errors import ConvergenceError, InputError
+from grainsdem.gate import gated
 from grainsdem.geometry.ahead import compiled
 from grainsdem.geometry.forms.boxes import boxes_on_faces
 from grainsdem.geometry.integrals import Integrals, integrate
@@ -103,6 +104,7 @@ class MixedCells(NamedTuple):
     deviation: float
 
 
+@gated
 def mixed_cells(
     domain: Domain,
     forms: Forms,

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from grainsdem.errors import InputError, ShapeError
+from grainsdem.gate import gated
 from grainsdem.roots import raised
 from grainsdem.tessellation.sized import sized_cells
 
@@ -44,6 +45,7 @@ class PlacedCells(NamedTuple):
     diameters: Floats
 
 
+@gated
 def placed_cells(
     domain: Domain,
     size: Callable[[Floats, Floats, Floats], ArrayLike],

@@ -14,7 +14,7 @@ from grainsdem.atomic import write_all
 from grainsdem.errors import InputError, MissingPackageError, name_offenders
 from grainsdem.gate import gated
 from grainsdem.measures.grains.files import table_content
-from grainsdem.measures.planform.camera.lens import Lens
+from grainsdem.measures.planform.camera.lens import CameraLens
 from grainsdem.measures.planform.photographs import photograph
 from grainsdem.measures.planform.truth import planform_bias, planform_table
 
@@ -88,7 +88,7 @@ def write_planform(
     if unknown:
         raise InputError(f"formats must be among {', '.join(FORMATS)}; got {name_offenders(unknown)}")
     image = photograph(view, packing, rng=rng, **options)
-    glass = Lens.of(view, options.get("lens", (0.0, 0.0)))
+    glass = CameraLens.of(view, options.get("lens", (0.0, 0.0)))
     depths = glass.nearest(view.depths().astype(np.float32))
     files: dict[str, bytes] = {}
     for suffix in formats:
@@ -128,7 +128,7 @@ def labels_content(labels: NDArray[np.int32], suffix: str) -> bytes:
     return _png(labels.astype(np.uint16))
 
 
-def _described(view: Planform, asked: dict[str, Any], glass: Lens) -> bytes:
+def _described(view: Planform, asked: dict[str, Any], glass: CameraLens) -> bytes:
     """Return where the pixels are, and how the image was made, as JSON."""
     ny, nx = view.labels.shape
     seen = view.labels > 0
@@ -150,7 +150,7 @@ def _described(view: Planform, asked: dict[str, Any], glass: Lens) -> bytes:
     return (json.dumps(facts, indent=2) + "\n").encode()
 
 
-def lens_told(glass: Lens, view: Planform) -> dict[str, Any]:
+def lens_told(glass: CameraLens, view: Planform) -> dict[str, Any]:
     """Return what photogrammetry needs to straighten a photograph, and the edge [m] of a pixel in its middle."""
     return {
         "k1": glass.k1,

@@ -16,7 +16,7 @@ from grainsdem.geometry.integrals import face_planes
 from grainsdem.geometry.raster.above import sky
 from grainsdem.geometry.raster.copies import turned_normals
 from grainsdem.measures.planform.camera.colors import drawn_colors, mixture
-from grainsdem.measures.planform.camera.lens import Lens, vignetting
+from grainsdem.measures.planform.camera.lens import CameraLens, vignetting
 from grainsdem.measures.planform.camera.lighting import CastShadow, beam, passed, unevenness
 from grainsdem.measures.planform.camera.textures import texture as drawn_texture
 from grainsdem.measures.planform.camera.wetting import highlights, wet_reflectance
@@ -56,7 +56,7 @@ def _gentle(gradient: tuple[float, float]) -> tuple[float, float]:
 
 
 def _unfolded(lens: tuple[float, float]) -> tuple[float, float]:
-    Lens(*lens, (1, 1))
+    CameraLens(*lens, (1, 1))
     return lens
 
 
@@ -159,7 +159,7 @@ def photograph(
     Grey is ρ (k s + (1 - k) (n · l) e / l_z), ρ the grain's reflectance (Lambert), k the ambient share, s the share of
     the sky that the pixel sees above what is around it, n the normal of the face, l the unit vector to the light, and e
     one in its light, zero in the shadow of what is around it. The floor is drawn as a level face of mean reflectance.
-    `Lens`, and in the folder ``camera`` `unevenness`, `passed`, `texture`, `drawn_colors`, `wet_reflectance`,
+    `CameraLens`, and in the folder ``camera`` `unevenness`, `passed`, `texture`, `drawn_colors`, `wet_reflectance`,
     `highlights` and `vignetting` say how the rest goes in. Reflectances above 1 are 1 where grains are wet.
     """
     _require_view(view, packing)
@@ -174,7 +174,7 @@ def photograph(
         },
     )  # fmt: skip
     generator = np.random.default_rng(rng)
-    glass = Lens.of(view, camera["lens"])
+    glass = CameraLens.of(view, camera["lens"])
     albedo = _reflectances(view, packing, camera, generator)
     grey = glass.drawn(_lit(view, packing, albedo, camera))
     if vignette > 0:

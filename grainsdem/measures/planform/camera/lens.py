@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
-class Lens:
+class CameraLens:
     """Radial distortion as Brown and Conrady write it, and programs of photogrammetry read it.
 
     Parameters
@@ -59,7 +59,7 @@ class Lens:
             )
 
     @classmethod
-    def of(cls, view: Planform, distortion: Sequence[float]) -> Lens:
+    def of(cls, view: Planform, distortion: Sequence[float]) -> CameraLens:
         """Return the lens of a view with k1 and k2."""
         (k1, k2), (ny, nx) = distortion, view.labels.shape
         return cls(k1, k2, (ny, nx))
