@@ -237,7 +237,7 @@ def test_grains_fall_where_gravity_points(few):
 def test_what_a_start_cannot_be_is_refused(fresh, flat):
     with pytest.raises(InputError, match="overlap"):
         settle(fresh, spheres=True)
-    with pytest.raises(InputError, match="place, pour"):
+    with pytest.raises(InputError, match="'place', 'pour'"):
         settle(fresh, start="throw")
     with pytest.raises(InputError, match="z below zero"):
         settle(fresh, direction=(0.0, 0.0, 1.0))
