@@ -145,7 +145,7 @@ def test_a_run_does_not_go_on_with_other_options_or_grains(heap, tmp_path, monke
         stop_early(patched, loops.SAMPLES_PER_CHUNK + 1)
         with pytest.raises(KeyboardInterrupt):
             settle(heap, history_path=path)
-    with pytest.raises(InputError, match="max_time 50.0, was 200.0"):
+    with pytest.raises(InputError, match=r"max_time 50.0, was 200.0"):
         settle(heap, history_path=path, resume=True, max_time=50)
     with pytest.raises(InputError, match=r"model .* was"):
         settle(heap, history_path=path, resume=True, friction=0.3)

@@ -358,7 +358,7 @@ def test_the_command_takes_the_recipes_table_and_its_options_and_draws_a_sheet(t
     told = json.loads(call("--count", 4, *words, "--json").stdout)
     assert told == {"rows": 4, "failed": 0, "files": [str(tmp_path / "set" / "truth.csv")]}
     for wrong, match in (
-        (["--count", 0], "count must be a whole number; got 0"),
+        (["--count", 0], "count must be a whole number, 1 or more; got 0"),
         (["--count", 3, "--set", "blur=[3, 2]"], "images: blur: a range goes from its lower to its upper end"),
         (["--count", 3, "--set", "blur"], "written as key=value"),
         (["--count", 3, "--set", 'formats=["npy"]', "--sheet", tmp_path / "s.png"], "a sheet is drawn from png"),
