@@ -29,6 +29,7 @@ from grainsdem.geometry.pairs.patches import (
 )
 from grainsdem.geometry.pairs.penetration import along, search_faces, solve_near
 from grainsdem.geometry.triangles import best_apexes, facets
+from grainsdem.measures import roundness, sieve_diameters
 from grainsdem.model import Domain, Packing, Polyhedra
 from grainsdem.packing import contacts
 from grainsdem.tessellation import relax, tessellate
@@ -209,10 +210,19 @@ def _loose() -> None:
     shapes.pack(_two_cubes().grains, 1.0, n=2, rng=0)
 
 
+def _outlines() -> None:
+    roundness(_two_cubes())
+
+
+def _holes() -> None:
+    sieve_diameters(_two_cubes())
+
+
 TAKEN: dict[str, Callable[[], None]] = {
     "cutting": _cutting, "starting": _starting, "emitting": _emitting, "growing": _growing, "volumes": _volumes,
     "copying": _copying, "cells": _cells, "near": _near, "approaching": _approaching, "touching": _touching,
     "searching": _searching, "contacts": _contacts, "shapes": _shapes, "lloyd": _lloyd, "proof": _proof,
     "walls": _walls, "facets": _facets, "loose": _loose, "between": _between,
+    "outlines": _outlines, "holes": _holes,
 }  # fmt: skip
 """What each step does."""

@@ -1,11 +1,18 @@
-"""Calls of every public function with arguments that it cannot take, from its own signature: a new name is covered."""
+"""Calls of every public function with arguments that it cannot take, from its own signature: a new name is covered.
+
+``python tests/fuzzing.py`` tries them all and prints a table; with words, those whose names hold one of them.
+"""
 
 from __future__ import annotations
 
+import collections
 import contextlib
 import inspect
 import io
+import os
 import signal
+import sys
+import tempfile
 import types
 import warnings
 from functools import cache
@@ -264,3 +271,49 @@ def outcome(function, arguments, seconds=PATIENCE):
             return f"{type(error).__name__}: {str(error)[:120]}"
     foreign = [str(one.message)[:80] for one in heard if not str(one.filename).endswith("fuzzing.py")]
     return f"a warning from below: {foreign[0]}" if foreign else None
+
+
+LONG = {
+    "settle", "collapse", "direct_shear", "discharge", "drum", "compact", "feed", "own_part", "penetration",
+    "ring_shear", "tap", "tilt", "triaxial", "ensemble",
+}  # fmt: skip
+"""Functions whose right calls take minutes: they are tried with wrong kinds alone."""
+
+PATIENT = {"None", "true", "function", "class"}
+"""Kinds that some of their arguments take."""
+
+
+def tried(folder, words):
+    """Yield the name, the argument, the value and what was wrong, or nothing, of every call."""
+    for name, function in {**functions(), **constructors()}.items():
+        if words and not any(word in name for word in words):
+            continue
+        is_long = name.rpartition(".")[2] in LONG
+        right = valid(name, function, folder)
+        for argument in inspect.signature(function).parameters.values():
+            if argument.kind in (argument.VAR_KEYWORD, argument.VAR_POSITIONAL):
+                continue
+            for word, value in (KINDS if is_long else BAD).items():
+                if is_long and (word in PATIENT or argument.name in ("max_hours", "max_time", "resume", "rng")):
+                    continue
+                # A function of the user's own may raise what it likes.
+                if word in ("function", "class") and "Callable" in str(argument.annotation):
+                    continue
+                yield name, argument.name, word, outcome(function, {**right, argument.name: value})
+
+
+def main():
+    """Print what was wrong, call by call, and how many calls there were of each kind."""
+    folder = tempfile.mkdtemp()
+    os.chdir(folder)
+    found, n = collections.Counter(), 0
+    for name, argument, word, wrong in tried(folder, sys.argv[1:]):
+        n += 1
+        if wrong:
+            found[wrong.partition(":")[0]] += 1
+            print(f"{name} | {argument} = {word} | {wrong}", flush=True)  # noqa: T201  (what it is run for)
+    print(f"{n} calls, {found.total()} of them wrong: {dict(found)}")  # noqa: T201
+
+
+if __name__ == "__main__":
+    main()

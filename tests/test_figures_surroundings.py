@@ -273,7 +273,7 @@ def test_layers_and_columns_hold_as_many_grains_each_in_their_order(kind, axis):
 def test_halves_are_left_and_right_and_what_is_drawn_is_asked_for_by_known_names(tmp_path):
     packing = cube_packing([[2.0, 5.0, 5.0], [8.0, 5.0, 5.0]])
     np.testing.assert_array_equal(set_scene(packing, "halves").values, [0.0, 1.0])
-    with pytest.raises(InputError, match="view must be one of corner, front, side, top; got 'back'"):
+    with pytest.raises(InputError, match="view must be 'corner', 'front', 'side' or 'top' or None; got 'back'"):
         render(packing, tmp_path / "a.png", view="back")
     with pytest.raises(InputError, match="two pictures or more; got 1"):
         animate(packing, tmp_path / "a.gif", **still(packing), n_pictures=1)

@@ -12,7 +12,7 @@ from skimage.color import rgb2gray
 from skimage.data import gravel
 from skimage.exposure import adjust_sigmoid
 
-from grainsdem.errors import FileFormatError, InputError, MissingFileError, MissingPackageError, ShapeError
+from grainsdem.errors import FileFormatError, InputError, MissingFileError, MissingPackageError
 from grainsdem.model import Domain
 from grainsdem.points import from_image, image_density
 from grainsdem.points.fields.tones import low_passed
@@ -250,7 +250,7 @@ def test_numbers_out_of_range_are_refused(options, words):
 
 @pytest.mark.parametrize("image", [np.ones(4), np.ones((4, 4, 2)), np.empty((0, 4)), [["a"]]])
 def test_arrays_that_are_no_image_are_refused(image):
-    with pytest.raises(ShapeError, match="image"):
+    with pytest.raises(InputError, match="image"):
         image_density(image)
 
 

@@ -64,6 +64,8 @@ STEPS: dict[str, Step] = {
     "facets": Step(1),
     "loose": Step(5, ("approaching",)),
     "between": Step(7, ("cutting", "starting", "emitting")),
+    "outlines": Step(12, ("volumes",)),
+    "holes": Step(4, ("volumes", "outlines")),
 }
 """All steps, each behind those that it comes after; `grainsdem.compiling` says how each is taken."""
 

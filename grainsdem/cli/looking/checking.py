@@ -116,6 +116,8 @@ def measure(
     packing = load(bed)
     # While a bed knows its cells its porosity is known in closed form.
     steps = ["contacts", *(["shapes"] if packing.links is None else []), *(["walls"] if walls else [])]
+    if table is not None:
+        steps += ["outlines", *(["holes"] if sieves else [])]
     prepare(*steps, quiet=quiet)
     graph = grainsdem.contacts(packing, within=within, walls=walls and contacts is not None)
     sizes = {"distribution": grainsdem.size_distribution(packing, diameter=diameter)} if distribution else {}
