@@ -279,6 +279,7 @@ def test_grains_of_a_packing_are_chosen_by_number():
         subset(bed, [3])
 
 
+@pytest.mark.slow
 def test_a_stream_is_a_command_and_its_replay_needs_no_other_grains(tmp_path):
     bed, out, history = save(grow(10), tmp_path / "bed.h5"), tmp_path / "fed.h5", tmp_path / "history.h5"
     corners = [value for number in (0.0, 0.0, 4e-3, 2e-3, 2e-3, 6e-3) for value in ("--inlet", str(number))]

@@ -15,13 +15,7 @@ from grainsdem.cli import app
 pytestmark = pytest.mark.example
 
 ROOT = Path(__file__).parent.parent
-QUICKEST = {"figure_14_sphericity"}
-"""The example that takes a few seconds; the others are slow."""
-
-SCRIPTS = [
-    pytest.param(path.stem, marks=[] if path.stem in QUICKEST else [pytest.mark.slow])
-    for path in sorted((ROOT / "examples").glob("*.py"))
-]
+SCRIPTS = sorted(path.stem for path in (ROOT / "examples").glob("*.py"))
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
@@ -40,6 +34,7 @@ def printed(tmp_path_factory):
     return run_quickly
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("script", SCRIPTS)
 def test_every_example_runs_quickly_and_prints_something(script, printed):
     assert printed(script).strip()

@@ -60,6 +60,7 @@ def test_a_kernel_is_that_of_the_shapes_whatever_the_sizes_and_agrees_with_cauch
     assert 1.05 < kernel.width < 1.25
 
 
+@pytest.mark.slow
 @pytest.mark.statistical
 def test_angular_grains_are_unfolded_by_a_kernel_of_their_kind(tmp_path):
     bed, other = bed_of(0.3, 700, 2), bed_of(0.1, 300, 5)

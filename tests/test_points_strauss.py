@@ -17,6 +17,9 @@ pytestmark = pytest.mark.unit
 
 TORI = [Domain.cube(periodic=True), Domain.slab((1.0, 1.0), 0.1, periodic=True)]
 BOTH = pytest.mark.parametrize("domain", TORI, ids=["3-D", "2-D"])
+BOTH_SLOWLY = pytest.mark.parametrize(
+    "domain", [pytest.param(TORI[0], marks=pytest.mark.slow), TORI[1]], ids=["3-D", "2-D"]
+)
 MIXED = Domain(np.array([1.0, -2.0, 0.5]), np.array([3.0, -1.0, 4.5]), np.array([True, False, True]))
 DOMAINS = {
     "3-D torus": TORI[0],
@@ -62,7 +65,7 @@ def apart(r, domain):
 
 @pytest.mark.statistical
 @pytest.mark.parametrize("process", [strauss, strauss_process])
-@BOTH
+@BOTH_SLOWLY
 def test_two_points_are_close_as_often_as_the_law_says(domain, process):
     distance, c, n = 0.35, 0.3, 3000
     p = ball(distance, domain)
