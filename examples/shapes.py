@@ -61,7 +61,7 @@ def main() -> None:
     parser.add_argument("--output", type=Path, default=Path(), help="folder for the pictures")
     arguments = parser.parse_args()
     logging.basicConfig(level=logging.WARNING)
-    n, different = (60, 5) if arguments.quick else (700, 100)
+    n, different = (24, 3) if arguments.quick else (700, 100)
     row = in_rows(some_of_each(), 5)
     print(f"drawn in {gd.figures.render(row, arguments.output / 'shapes.png', color_by='id', size=(960, 720))}")
     kinds = [

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
@@ -20,7 +21,11 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 def run(*words, folder):
-    return subprocess.run([sys.executable, *words], cwd=folder, capture_output=True, text=True, check=True).stdout
+    # As users start them: an example may take another one that lies beside it.
+    env = {key: value for key, value in os.environ.items() if key != "PYTHONSAFEPATH"}
+    return subprocess.run(
+        [sys.executable, *words], cwd=folder, env=env, capture_output=True, text=True, check=True
+    ).stdout
 
 
 @pytest.fixture(scope="module")
