@@ -67,7 +67,7 @@ def test_numbers_and_arrays_of_other_kinds_become_those_of_python_and_numpy():
     [
         ({"points": None}, ShapeError, "points must be an array of numbers; got None"),
         ({"points": "abc"}, ShapeError, "points must be an array of numbers; got 'abc'"),
-        ({"points": [[1, 2], [3]]}, ShapeError, "its rows differ in length"),
+        ({"points": [[1, 2], [3]]}, ShapeError, "rows of unlike lengths"),
         ({"points": [1j, 2]}, ShapeError, "got complex numbers"),
         ({"points": [["a", "b", "c"]]}, ShapeError, "got values of type <U1"),
         ({"points": [[None, 1, 2]]}, ShapeError, "got objects, the first of type NoneType"),

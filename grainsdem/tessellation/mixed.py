@@ -23,6 +23,7 @@ from grainsdem.geometry.ahead import compiled
 from grainsdem.geometry.forms.boxes import boxes_on_faces
 from grainsdem.geometry.integrals import Integrals, integrate
 from grainsdem.geometry.integrals import volumes as volumes_of
+from grainsdem.geometry.matrices import inverse, product, unit
 from grainsdem.points.poisson import poisson
 from grainsdem.ragged import owners
 from grainsdem.roots import cube_roots, raised
@@ -249,7 +250,7 @@ class _Growth:
             self._domain,
             self._sites,
             self._weights,
-            _inverse(self._images) * self._stiffness[:, None, None],
+            inverse(self._images) * self._stiffness[:, None, None],
             self._reach,
         )
         self._measured = integrate(cells.cells)
@@ -374,40 +375,14 @@ def _moments(measured: Integrals) -> Floats:
     """Return the second moments of each cell about its centroid, scaled to determinant one."""
     inertias = measured.inertias
     half = 0.5 * (inertias[:, 0, 0] + inertias[:, 1, 1] + inertias[:, 2, 2])
-    return _unit(half[:, None, None] * np.eye(3) - inertias)
+    return unit(half[:, None, None] * np.eye(3) - inertias)
 
 
 def _followed(images: Floats, wanted: Floats, had: Floats, is_there: NDArray[np.bool_]) -> Floats:
     """Return images that were stretched by part of what is missing, and lean to what is wanted."""
-    off = _product(wanted, _inverse(np.where(is_there[:, None, None], had, np.eye(3))))
+    off = product(wanted, inverse(np.where(is_there[:, None, None], had, np.eye(3))))
     step = np.eye(3) + _FOLLOWING * (off - np.eye(3))
-    moved = _unit(_product(_product(step, images), step.transpose(0, 2, 1)))
+    moved = unit(product(product(step, images), step.transpose(0, 2, 1)))
     moved = np.where(is_there[:, None, None], moved, wanted)
     moved = (1 - _LEAK) * moved + _LEAK * wanted
-    return _unit(0.5 * (moved + moved.transpose(0, 2, 1)))
-
-
-def _product(a: Floats, b: Floats) -> Floats:
-    """Return the product of matrices, row by row; not by BLAS, whose last bit is the processor's."""
-    return np.asarray(sum(a[:, :, k, None] * b[:, None, k, :] for k in range(3)))
-
-
-def _adjugate(m: Floats) -> Floats:
-    rows = [np.cross(m[:, 1], m[:, 2]), np.cross(m[:, 2], m[:, 0]), np.cross(m[:, 0], m[:, 1])]
-    return np.stack(rows, axis=2)
-
-
-def _determinant(m: Floats) -> Floats:
-    return np.asarray((m[:, 0] * np.cross(m[:, 1], m[:, 2])).sum(axis=1))
-
-
-def _inverse(m: Floats) -> Floats:
-    return np.asarray(_adjugate(m) / _determinant(m)[:, None, None])
-
-
-def _unit(m: Floats) -> Floats:
-    """Return matrices scaled to determinant one, those of no volume the unit matrix."""
-    volume = _determinant(m)
-    is_good = volume > 0
-    scaled = m / cube_roots(np.where(is_good, volume, 1.0))[:, None, None]
-    return np.where(is_good[:, None, None], scaled, np.eye(3))
+    return unit(0.5 * (moved + moved.transpose(0, 2, 1)))
