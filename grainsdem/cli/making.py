@@ -7,7 +7,20 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from grainsdem.cli.options import Json, Quiet, Rng, app, err, guarded, keyed, out, prepare, print_json, show_summary
+from grainsdem.cli.options import (
+    Json,
+    Quiet,
+    Rng,
+    Sieves,
+    app,
+    err,
+    guarded,
+    keyed,
+    out,
+    prepare,
+    print_json,
+    show_summary,
+)
 from grainsdem.errors import InputError, RefusedError
 from grainsdem.measures.distributions.fits import Family
 from grainsdem.model.grading import Diameter
@@ -172,14 +185,7 @@ def generate(
     size_tolerance: Annotated[
         float | None, typer.Option(help="Largest relative error of a cell's volume.", rich_help_panel=SIZE)
     ] = None,
-    sieves: Annotated[
-        Path | None,
-        typer.Option(
-            help="A sieve sheet that the grains are to have (.csv, .txt, .tsv): openings, and per cent passing or mass "
-            "retained.",
-            rich_help_panel=SIZE,
-        ),
-    ] = None,
+    sieves: Sieves = None,
     sieve_diameter: Annotated[
         Diameter | None,
         typer.Option(

@@ -44,6 +44,14 @@ Bed = Annotated[
     Path,
     typer.Argument(help="A packing: .h5, or a file we exported (.xml, .usda, .usdc, .stl, .obj).", show_default=False),
 ]
+Sieves = Annotated[
+    Path | None,
+    typer.Option(
+        help="A sieve sheet that the grains are to have (.csv, .txt, .tsv): openings, and per cent passing or mass "
+        "retained.",
+        rich_help_panel="Grain size",
+    ),
+]
 Rng = Annotated[int, typer.Option(help="Seed of everything that is random.", min=0)]
 
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from grainsdem.cli.making import SIZE, size_table
-from grainsdem.cli.options import Json, Quiet, Rng, app, err, guarded, keyed, prepare, show_summary
+from grainsdem.cli.options import Json, Quiet, Rng, Sieves, app, err, guarded, keyed, prepare, show_summary
 
 _COMMA = re.compile(r",(?![^\[]*\])")
 """A comma that stands in no list."""
@@ -42,14 +42,7 @@ def pack(
         list[str] | None,
         typer.Option(help="A parameter of the law, such as s=0.3 or scale=1e-3.", rich_help_panel=SIZE),
     ] = None,
-    sieves: Annotated[
-        Path | None,
-        typer.Option(
-            help="A sieve sheet that the grains are to have (.csv, .txt, .tsv): openings, and per cent passing or mass "
-            "retained.",
-            rich_help_panel=SIZE,
-        ),
-    ] = None,
+    sieves: Sieves = None,
     by: Annotated[Literal["number", "mass"], typer.Option(help="What shares are of.")] = "number",
     side: Annotated[float | None, typer.Option(help="Edge length of a cube [m], instead of --lengths.")] = None,
     lengths: Annotated[
