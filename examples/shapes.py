@@ -44,13 +44,13 @@ def some_of_each() -> gd.Polyhedra:
     return gd.shapes.sized(row, SIZE)
 
 
-def void_ratio(shapes: gd.Polyhedra, n: int) -> float:
-    """Return the void ratio of the core of a poured bed."""
+def void_ratio(shapes: gd.Polyhedra, n: int, margin: float) -> float:
+    """Return the void ratio of the core of a poured bed, some diameters from walls and surface."""
     side = (n / 0.3) ** (1 / 3) * 0.8 * SIZE
     law = stats.lognorm(s=0.12, scale=SIZE)
     loose = gd.pack(shapes, law, gd.Domain.box((side, side, side)), n=n, rng=1)
     poured = gd.settle(loose, rng=1, **HOW).packing
-    porosity = gd.porosity(poured, region=gd.core_box(poured))
+    porosity = gd.porosity(poured, region=gd.core_box(poured, margin=margin))
     return porosity / (1 - porosity)
 
 
@@ -61,7 +61,7 @@ def main() -> None:
     parser.add_argument("--output", type=Path, default=Path(), help="folder for the pictures")
     arguments = parser.parse_args()
     logging.basicConfig(level=logging.WARNING)
-    n, different = (24, 3) if arguments.quick else (700, 100)
+    n, different, margin = (48, 3, 0.5) if arguments.quick else (700, 100, 1.0)
     row = in_rows(some_of_each(), 5)
     print(f"drawn in {gd.figures.render(row, arguments.output / 'shapes.png', color_by='id', size=(960, 720))}")
     kinds = [
@@ -79,7 +79,7 @@ def main() -> None:
     broken = gd.shapes.rock(different, elongation=0.75, flatness=0.7, roundness=0.2, rng=2)
     for name, shapes in (("round sand", round_sand), ("broken stone", broken)):
         told = f"roundness {gd.roundness(shapes).mean():.2f}, sphericity {gd.sphericities(shapes).mean():.2f}"
-        print(f"{name}: {told}, poured void ratio {void_ratio(shapes, n):.2f}")
+        print(f"{name}: {told}, poured void ratio {void_ratio(shapes, n, margin):.2f}")
 
 
 if __name__ == "__main__":
