@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+import shutil
 import tempfile
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from grainsdem.claims import NoLocksError, claim_one, held
 from grainsdem.errors import WriteError
 
 if TYPE_CHECKING:
@@ -25,21 +27,29 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     """
     path = Path(path)
     temporary: Path | None = None
+    handle: int | None = None
     try:
         # The suffix is kept: some writers choose their format by it.
-        handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
-        os.close(handle)
-        temporary = Path(name)
+        try:
+            temporary, handle = claim_one(path.parent, path.stem, path.suffix)
+        except NoLocksError:
+            handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
+            os.close(handle)
+            temporary, handle = Path(name), None
         yield temporary
         temporary.chmod(0o666 & ~_umask())
         temporary.replace(path)
         temporary = None
     except OSError as error:
+        if isinstance(error, WriteError):
+            raise
         raise WriteError(f"{path}: cannot be written: {error.strerror or error}") from error
     finally:
         if temporary is not None:
             with suppress(OSError):
                 temporary.unlink()
+        if handle is not None:  # held to the end: nobody takes it for what a dead process left
+            os.close(handle)
 
 
 def write_all(
@@ -80,22 +90,66 @@ def write_all(
         if make_folder:
             _make(folder, made)
         # Beside their places, so that moving them is renaming them.
-        with tempfile.TemporaryDirectory(prefix=".writing-", dir=folder) as staging:
+        with _staging(folder) as staging:
             staged: list[Path] = []
             for place, content in zip(paths, files.values(), strict=True):
-                staged.append(Path(staging) / f"{len(staged)}-{place.name}")
+                staged.append(staging / f"{len(staged)}-{place.name}")
                 _fill(staged[-1], content)
             for place, temporary in zip(paths, staged, strict=True):
                 _make(place.parent, made)
                 temporary.replace(place)
     except BaseException as error:
-        for directory in reversed(made):
-            with suppress(OSError):
-                directory.rmdir()
+        _unmake(made)
         if isinstance(error, OSError) and not isinstance(error, WriteError):
             raise WriteError(f"{place}: cannot be written: {error.strerror or error}") from error
         raise
     return paths
+
+
+@contextmanager
+def working_in(folder: str | os.PathLike[str]) -> Iterator[Path]:
+    """Make a folder where it is not there and hold it while the block lasts; one left empty by an error is removed.
+
+    Raises
+    ------
+    WriteError
+        If it cannot be made, or another run is writing it.
+    """
+    folder = Path(folder)
+    made: list[Path] = []
+    try:
+        _make(folder, made)
+    except OSError as error:
+        raise WriteError(f"{folder}: cannot be made a folder: {error.strerror or error}") from error
+    try:
+        with held(folder):
+            yield folder
+    except BaseException:
+        _unmake(made)
+        raise
+
+
+@contextmanager
+def _staging(folder: Path) -> Iterator[Path]:
+    """Yield a folder in a folder for files that wait to be moved, and remove it."""
+    try:
+        staging, handle = claim_one(folder, "writing", is_folder=True)
+    except NoLocksError:
+        with tempfile.TemporaryDirectory(prefix=".writing-", dir=folder) as name:
+            yield Path(name)
+        return
+    try:
+        yield staging
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
+        os.close(handle)
+
+
+def _unmake(made: list[Path]) -> None:
+    """Remove the folders that were made, as far as they are empty."""
+    for folder in reversed(made):
+        with suppress(OSError):
+            folder.rmdir()
 
 
 def _fill(path: Path, content: bytes | Iterable[bytes]) -> None:
@@ -111,9 +165,8 @@ def _fill(path: Path, content: bytes | Iterable[bytes]) -> None:
 
 def _make(folder: Path, made: list[Path]) -> None:
     """Make a folder and those above it, and note those that were not there."""
-    missing = [parent for parent in (folder, *folder.parents) if not parent.exists()]
+    made += reversed([parent for parent in (folder, *folder.parents) if not parent.exists()])
     folder.mkdir(parents=True, exist_ok=True)
-    made += reversed(missing)
 
 
 def _umask() -> int:

@@ -85,7 +85,7 @@ def load_checkpoint(path: Path, identity: Mapping[str, Any]) -> Checkpoint:
         found = Checkpoint(state, samples, words["memory"], words["identity"], words["n_frames"])
         if words["version"] != VERSION:
             raise ValueError(f"version {words['version']}; {VERSION} is needed")  # noqa: TRY301  (told below, like all)
-    except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
+    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
         raise FileFormatError(f"{path}: not a checkpoint that a run can go on from: {error}") from error
     other = sorted(key for key in {*identity, *found.identity} if identity.get(key) != found.identity.get(key))
     if other:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass
 from importlib import import_module
 from inspect import signature
@@ -13,8 +14,9 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from exporters.mjcf.log import quiet
+from grainsdem.atomic import working_in
 from grainsdem.dynamics.engine.lockstep import Lockstep, UnlikeError
-from grainsdem.errors import InputError, WriteError, name_offenders
+from grainsdem.errors import InputError, name_offenders
 from grainsdem.gate import gated
 from grainsdem.workers import n_processors, share
 
@@ -176,7 +178,19 @@ def ensemble(
     _check_options(experiment, options)
     if len(chosen) > 1:
         _refuse_copies(experiment, options)
-    jobs = _jobs(experiment, packing, chosen, history_folder, options)
+    with nullcontext() if history_folder is None else working_in(history_folder):
+        jobs = _jobs(experiment, packing, chosen, history_folder, options)
+        return _run(jobs, chosen, through, workers, progress)
+
+
+def _run(
+    jobs: list[tuple[str, str, Packing, dict[str, Any]]],
+    chosen: tuple[int, ...],
+    through: Through,
+    workers: int | None,
+    progress: Callable[[int, int], None] | None,
+) -> Ensemble:
+    """Run the jobs together where they can be, or each in a process."""
     if through != "processes" and len(chosen) > 1:
         try:
             return Ensemble(chosen, _together(jobs, workers, progress), "batch")
@@ -221,11 +235,6 @@ def _jobs(
     options: dict[str, Any],
 ) -> list[tuple[str, str, Packing, dict[str, Any]]]:
     """Return what each run needs; functions go by their names, since processes take them so."""
-    if folder is not None:
-        try:
-            Path(folder).mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise WriteError(f"{folder}: cannot be made a folder: {error.strerror}") from error
     jobs = []
     for seed in seeds:
         path = {} if folder is None else {"history_path": str(Path(folder) / f"{seed}.h5")}

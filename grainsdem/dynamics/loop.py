@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from grainsdem.claims import held
 from grainsdem.dynamics.around import bodies_of, places_of
 from grainsdem.dynamics.checkpoint import (
     Checkpoint,
@@ -160,7 +161,18 @@ class Loop:
         ------
         UnstableError
             If the run goes wrong and three smaller time steps do not help.
+        WriteError
+            If another run that lives is writing that history.
         """
+        if self.record.path is None:
+            self._run()
+            return
+        path = Path(self.record.path)
+        with held(path):
+            self._run()
+            checkpoint_path(path).unlink(missing_ok=True)
+
+    def _run(self) -> None:
         with self.scene.engine.muted(), ExitStack() as stack:
             self._begin(stack)
             try:
@@ -171,8 +183,6 @@ class Loop:
                 if self._writer is not None:
                     interrupt.add_note(f"the history up to {self.time_in_si():.4g} s is kept in {self._writer.path}")
                 raise
-        if self.record.path is not None:
-            checkpoint_path(Path(self.record.path)).unlink(missing_ok=True)
 
     def time_in_si(self) -> float:
         """Return the time [s] of the last good sample."""

@@ -5,14 +5,13 @@ from __future__ import annotations
 import json
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import exporters
 from grainsdem import figures, storage
-from grainsdem.atomic import replacing
+from grainsdem.atomic import replacing, working_in
 from grainsdem.dynamics import Settled, settle
-from grainsdem.errors import RefusedError, UnstableError, WriteError
+from grainsdem.errors import RefusedError, UnstableError
 from grainsdem.gate import gated
 from grainsdem.measures import summary
 from grainsdem.packing import contacts
@@ -26,6 +25,7 @@ from grainsdem.validation import validate
 if TYPE_CHECKING:
     import os
     from collections.abc import Iterator
+    from pathlib import Path
 
     from grainsdem.model import ContactGraph, Packing, Report
     from grainsdem.recipe.tables import OutputTable, Recipe
@@ -78,10 +78,14 @@ def run(recipe: Recipe, folder: str | os.PathLike[str], monitor: Monitor | None 
     RefusedError
         If a format, or a replay, could not take a bed. All else is done and written first: the error has the result.
     WriteError
-        If the folder cannot be made or written.
+        If the folder cannot be made or written, or another run that lives is writing it.
     """
-    monitor = monitor or Silent()
-    folder = _made(folder)
+    with working_in(folder) as place:
+        return _run(recipe, place, monitor or Silent())
+
+
+def _run(recipe: Recipe, folder: Path, monitor: Monitor) -> Result:
+    """Do what `run` says in a folder that is there."""
     fresh = grow(recipe, monitor)
     files, reports, summaries = [], {}, {}
     refused: dict[str, str] = {}
@@ -127,14 +131,6 @@ def run(recipe: Recipe, folder: str | os.PathLike[str], monitor: Monitor | None 
     if refused:
         raise RefusedError(refused, result)
     return result
-
-
-def _made(folder: str | os.PathLike[str]) -> Path:
-    try:
-        Path(folder).mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise WriteError(f"{folder}: cannot be made a folder: {error.strerror}") from error
-    return Path(folder)
 
 
 def _validated(packing: Packing, overlap: float, monitor: Monitor) -> Report:

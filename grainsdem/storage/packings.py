@@ -5,17 +5,17 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any
 
-import h5py
-
 from grainsdem.atomic import replacing
 from grainsdem.gate import gated
 from grainsdem.model import CellLinks, Domain, Packing, Polyhedra
-from grainsdem.storage.hdf5 import LIBVER, check_suffix, describe, read_dataset, reading, to_text
+from grainsdem.storage.hdf5 import check_suffix, describe, read_dataset, reading, to_text
+from grainsdem.storage.sink import created
 
 if TYPE_CHECKING:
     import os
     from pathlib import Path
 
+    import h5py
     from numpy.typing import NDArray
 
 SCHEMA = "grainsdem.packing"
@@ -52,7 +52,7 @@ def save(packing: Packing, path: str | os.PathLike[str]) -> Path:
     in SI units. The file holds no clock and no path: the same packing gives the same bytes.
     """
     target = check_suffix(path)
-    with replacing(target) as temporary, h5py.File(temporary, "w", libver=LIBVER, track_order=False) as file:
+    with replacing(target) as temporary, created(temporary) as file:
         describe(file, SCHEMA)
         file.attrs["units"] = "SI: m, kg, s, rad; quaternions (w, x, y, z)"
         write_packing(file, packing)

@@ -5,12 +5,11 @@ from __future__ import annotations
 import json
 import logging
 import time
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import grainsdem
-from grainsdem.atomic import replacing
-from grainsdem.errors import InputError, WriteError
+from grainsdem.atomic import replacing, working_in
+from grainsdem.errors import InputError
 from grainsdem.gate import gated
 from grainsdem.measures import write_table
 from grainsdem.measures.planform.counting import names_of_percentiles
@@ -25,6 +24,7 @@ from grainsdem.workers import share
 if TYPE_CHECKING:
     import os
     from collections.abc import Callable, Iterator
+    from pathlib import Path
 
     import numpy as np
     from numpy.typing import NDArray
@@ -84,7 +84,7 @@ def images(
         If the count is none, the folder holds another set or something else, beds would be copies of one, or grains lie
         loose since shapes are laid out and do not settle.
     WriteError
-        If a file cannot be written.
+        If a file cannot be written, or another run that lives is writing the set.
 
     Notes
     -----
@@ -95,7 +95,21 @@ def images(
         raise InputError(f"count must be a whole number, 1 or more; got {count!r}")
     table, bare = recipe.images or ImagesTable(), recipe.model_copy(update={"images": None})
     _refuse_copies(bare, count, table)
-    place = _begun(Path(folder), bare, table)
+    with working_in(folder) as place:
+        _begin(place, bare, table)
+        return _taken(bare, table, place, count, workers=workers, progress=progress)
+
+
+def _taken(
+    bare: Recipe,
+    table: ImagesTable,
+    place: Path,
+    count: int,
+    *,
+    workers: int | None,
+    progress: Callable[[int, int], None] | None,
+) -> NDArray[np.void]:
+    """Take the photographs that a folder lacks, and return its table."""
     header = [*FIRST, *columns(table, names_of_percentiles()), "error"]
     rows = _kept(place, header, table)
     sittings = list(_sittings(bare, table, place, [k for k in range(1, count + 1) if str(k) not in rows]))
@@ -152,8 +166,8 @@ def _sittings(recipe: Recipe, table: ImagesTable, folder: Path, missing: list[in
         yield Sitting(recipe, table, bed, seed_of(text, "bed", str(bed)), tuple(those), folder)
 
 
-def _begun(folder: Path, recipe: Recipe, table: ImagesTable) -> Path:
-    """Return the folder of a set, made and marked if it is new, or raise `InputError` where it holds something else."""
+def _begin(folder: Path, recipe: Recipe, table: ImagesTable) -> None:
+    """Mark the folder of a set if it is new, or raise `InputError` where it holds something else."""
     told = {"recipe": json.loads(_text(recipe)), "images": table.model_dump(mode="json")}
     about = {"version": grainsdem.__version__, **told}
     if (folder / ABOUT).is_file():
@@ -163,19 +177,15 @@ def _begun(folder: Path, recipe: Recipe, table: ImagesTable) -> Path:
             found = None
         if found != about:
             raise InputError(f"{folder}: holds another set of images; {_differing(found, about)}")
-        return folder
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        strangers = sorted(path.name for path in folder.iterdir())
-    except OSError as error:
-        raise WriteError(f"{folder}: cannot be made a folder: {error.strerror}") from error
+        return
+    # A hidden one is a lock, or what a killed run has left.
+    strangers = sorted(path.name for path in folder.iterdir() if not path.name.startswith("."))
     if strangers:
         raise InputError(
             f"{folder}: holds {strangers[0]}, and no set of images to go on with; give a folder of its own"
         )
     with replacing(folder / ABOUT) as temporary:
         temporary.write_text(json.dumps(about, indent=2) + "\n", encoding="utf-8")
-    return folder
 
 
 def _differing(found: Any, about: dict[str, Any]) -> str:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import grainsdem
 from grainsdem import recipe as recipes
+from grainsdem.claims import held
 from grainsdem.errors import FileFormatError, GrainsDEMError, InputError
 from grainsdem.gate import gated
 from grainsdem.geometry.forms.sizes import grain_diameters, grain_sphericities
@@ -100,12 +101,24 @@ def run(
         If a key is unknown, a value out of range, beds would be copies of one (`Survey.jobs`), or the file holds rows
         of another survey or version.
     WriteError
-        If the table cannot be written.
+        If the table cannot be written, or another survey that lives is writing it.
     """
     path = Path(path)
     if path.suffix.lower() != ".csv":
         raise FileFormatError(f"{path}: a survey's table is written as .csv; got {path.suffix or 'no suffix'!r}")
     jobs = list(survey.jobs())
+    with held(path):
+        return _run(survey, jobs, path, workers, progress)
+
+
+def _run(
+    survey: Survey,
+    jobs: Sequence[tuple[dict[str, Any], int, Recipe]],
+    path: Path,
+    workers: int | None,
+    progress: Callable[[int, int], None] | None,
+) -> NDArray[np.void]:
+    """Grow the beds that a table lacks, and return it."""
     varied = [key for key in survey.vary if key != "rng"]
     measures = [*MEASURES, *_more_measures([recipe for _, _, recipe in jobs])]
     header = ["version", "repeat", "rng", "recipe", *map(_column, varied), *measures, "error"]
@@ -134,7 +147,8 @@ def run(
                 write_rows(path, header, rows)
                 written = time.monotonic()
     finally:
-        write_rows(path, header, rows)
+        if any(row is not None for row in rows):
+            write_rows(path, header, rows)
     _tell_of_lost_sizes([recipe for _, _, recipe in jobs], header, rows)
     return load(path)
 
