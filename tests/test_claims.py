@@ -5,13 +5,17 @@ import resource
 import signal
 import subprocess
 import sys
+from contextlib import contextmanager
 
 import pytest
 
 from grainsdem.atomic import replacing, working_in, write_all
 from grainsdem.claims import claim, held
-from grainsdem.errors import WriteError
-from grainsdem.storage import load, save
+from grainsdem.dynamics import settle
+from grainsdem.errors import FileFormatError, InputError, WriteError
+from grainsdem.recipe import make, run
+from grainsdem.storage import HistoryWriter, load, load_history, save
+from grainsdem.storage.hdf5 import RESERVE
 
 pytestmark = pytest.mark.unit
 
@@ -74,8 +78,12 @@ def test_a_place_that_a_run_holds_is_refused_to_others_in_one_line(tmp_path):
         with pytest.raises(WriteError, match=r"run\.h5: another run is writing it") as told, held(tmp_path / "run.h5"):
             pass
         assert "\n" not in str(told.value)
-        code = "import sys; from pathlib import Path; from grainsdem.claims import claim; print(claim(Path(sys.argv[1])))"
-        other = subprocess.run([sys.executable, "-c", code, tmp_path / ".run.h5.lock"], stdout=subprocess.PIPE, check=True)
+        code = (
+            "import sys; from pathlib import Path; from grainsdem.claims import claim; print(claim(Path(sys.argv[1])))"
+        )
+        other = subprocess.run(
+            [sys.executable, "-c", code, tmp_path / ".run.h5.lock"], stdout=subprocess.PIPE, check=True
+        )
         assert other.stdout == b"None\n"
     assert names(tmp_path) == []
     with held(tmp_path / "run.h5"):
@@ -86,8 +94,9 @@ def test_a_folder_made_for_what_fails_is_removed_and_one_that_holds_something_st
     with pytest.raises(ValueError, match="bad"), working_in(tmp_path / "a" / "b"):
         raise ValueError("bad")
     assert names(tmp_path) == []
-    with pytest.raises(ValueError, match="bad"), working_in(tmp_path / "a") as folder:
-        (folder / "kept").touch()
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "kept").touch()
+    with pytest.raises(ValueError, match="bad"), working_in(tmp_path / "a"):
         raise ValueError("bad")
     assert names(tmp_path / "a") == ["kept"]
     with pytest.raises(WriteError, match="cannot be made a folder: "), working_in(tmp_path / "a" / "kept"):
@@ -103,17 +112,61 @@ def test_a_lock_that_is_let_go_is_taken_again(tmp_path):
     os.close(second)
 
 
+@contextmanager
+def at_most(size):
+    """Let no file be larger, as on a disk that is nearly full."""
+    _, most = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, most))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
+
+
 @pytest.mark.parametrize("limit", [0, 1, 100, 4096, 20_000])
 def test_a_packing_that_the_disk_has_no_room_for_is_an_error_and_nothing_is_left(fresh, tmp_path, limit):
     whole = save(fresh, tmp_path / "whole.h5").read_bytes()
     assert limit < len(whole)
-    _, most = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, most))
-    try:
-        with pytest.raises(WriteError, match=r"full\.h5: cannot be written: File too large"):
-            save(fresh, tmp_path / "full.h5")
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
+    with at_most(limit), pytest.raises(WriteError, match=r"full\.h5: cannot be written: File too large"):
+        save(fresh, tmp_path / "full.h5")
     assert names(tmp_path) == ["whole.h5"]
     save(load(tmp_path / "whole.h5"), tmp_path / "whole.h5")
     assert (tmp_path / "whole.h5").read_bytes() == whole
+
+
+def test_a_history_that_the_disk_has_no_room_to_begin_is_an_error_and_nothing_is_left(fresh, tmp_path):
+    with (
+        at_most(RESERVE + 1000),
+        pytest.raises(WriteError, match=r"^\S+run\.h5: cannot be written: no room for") as told,
+    ):
+        HistoryWriter(tmp_path / "run.h5", ["time"], n_grains=len(fresh), grains=fresh)
+    assert str(told.value).count("cannot be written") == 1
+    assert names(tmp_path) == []
+
+
+def test_a_second_run_with_the_history_of_one_that_lives_is_refused(cube, tmp_path):
+    def again(_):
+        with pytest.raises(WriteError, match=r"run\.h5: another run is writing it"):
+            settle(cube, history_path=tmp_path / "run.h5")
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        settle(cube, history_path=tmp_path / "run.h5", progress=again)
+    assert load_history(tmp_path / "run.h5")["time"].size
+    assert names(tmp_path) == ["run.h5"]
+
+
+def test_a_run_does_not_go_on_from_an_empty_checkpoint(cube, tmp_path):
+    (tmp_path / "run.state.npz").touch()
+    with pytest.raises(FileFormatError, match=r"run\.state\.npz: not a checkpoint that a run can go on from"):
+        settle(cube, history_path=tmp_path / "run.h5", resume=True)
+    assert names(tmp_path) == ["run.state.npz"]
+
+
+def test_a_folder_where_a_recipe_is_being_made_is_refused_to_another(tmp_path):
+    recipe = make(seeds={"count": 27}, grains={"scale": 0.9, "keep": "all"})
+    with working_in(tmp_path / "out"), pytest.raises(WriteError, match="out: another run is writing it"):
+        run(recipe, tmp_path / "out")
+    with pytest.raises(InputError, match="cells touch a wall"):
+        run(make(seeds={"count": 2}, grains={"scale": 0.9}), tmp_path / "none")
+    assert names(tmp_path) == ["out"]

@@ -55,7 +55,7 @@ def check_room(path: Path, n_bytes: int) -> None:
     free = shutil.disk_usage(path.parent).free
     limit = _size_limit()
     if limit is not None:
-        free = min(free, limit - path.stat().st_size)
+        free = min(free, limit - (path.stat().st_size if path.exists() else 0))
     if free < n_bytes + RESERVE:
         raise WriteError(f"{path}: cannot be written: no room for {n_bytes + RESERVE} bytes more; {free} are left")
 
@@ -75,6 +75,8 @@ def writing(path: Path) -> Iterator[None]:
     """Turn the errors of HDF5 into one of ours."""
     try:
         yield
+    except WriteError:
+        raise
     except (OSError, RuntimeError) as error:
         raise WriteError(f"{path}: cannot be written: {_first_line(error)}") from error
 

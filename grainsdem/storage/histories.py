@@ -12,7 +12,7 @@ import numpy as np
 from grainsdem.errors import InputError, ShapeError
 from grainsdem.gate import gated
 from grainsdem.storage.hdf5 import LIBVER, check_room, check_suffix, describe, read_dataset, reading, writing
-from grainsdem.storage.packings import read_packing, write_packing
+from grainsdem.storage.packings import packed_arrays, read_packing, write_packing
 from grainsdem.storage.surroundings import MOVES, SCHEMA, create_surroundings
 
 if TYPE_CHECKING:
@@ -93,6 +93,7 @@ class HistoryWriter:
         self._rows_per_chunk = rows_per_chunk
         units = dict(columns) if isinstance(columns, Mapping) else {}
         with writing(self.path):
+            check_room(self.path, _first_size(grains, around))
             self._file = h5py.File(self.path, "w", libver=LIBVER, locking="best-effort")
             describe(self._file, SCHEMA)
             self._file.attrs["units"] = json.dumps(units, ensure_ascii=False)
@@ -265,6 +266,14 @@ def load_motion(path: str | os.PathLike[str]) -> dict[str, NDArray[np.float64]]:
     return {
         "times": history["frame_times"], "positions": history["positions"], "quaternions": history["quaternions"],
     }  # fmt: skip
+
+
+def _first_size(grains: Packing | None, around: Surroundings | None) -> int:
+    """Return at most how many bytes are written before the first row."""
+    arrays = [] if grains is None else list(packed_arrays(grains).values())
+    arrays += [] if around is None else [around.vertices, around.triangles, around.vertex_bodies]
+    # What is compressed may take a little more than it is.
+    return sum(array.nbytes + array.nbytes // 100 for array in arrays)
 
 
 def _create_series(file: h5py.File, names: list[str]) -> h5py.Dataset:

@@ -88,12 +88,13 @@ def load(path: str | os.PathLike[str]) -> Packing:
 def write_packing(group: h5py.Group, packing: Packing) -> None:
     """Write a packing into a file, or a group of one."""
     group.attrs["provenance"] = json.dumps(packing.provenance, ensure_ascii=False)
-    for name, array in _arrays(packing).items():
+    for name, array in packed_arrays(packing).items():
         _write(group, name, array)
     group["domain"].attrs["is_planar"] = packing.domain.is_planar
 
 
-def _arrays(packing: Packing) -> dict[str, NDArray[Any]]:
+def packed_arrays(packing: Packing) -> dict[str, NDArray[Any]]:
+    """Return what is stored of a packing, by its name in the file."""
     grains, domain, links = packing.grains, packing.domain, packing.links
     result = {
         "domain/lower": domain.lower,
