@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 import tempfile
@@ -150,6 +151,35 @@ def _unmake(made: list[Path]) -> None:
     for folder in reversed(made):
         with suppress(OSError):
             folder.rmdir()
+
+
+def check_place(path: Path, *, is_folder: bool = False) -> None:
+    """Raise `WriteError` where a file, or a folder that may have to be made, cannot be written; nothing is made.
+
+    What only trying tells, such as a disk without room, is told by trying.
+    """
+    try:
+        code = _obstacle(path, is_folder=is_folder)
+        reason = os.strerror(code) if code else ""
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+    if reason:
+        raise WriteError(f"{path}: cannot be {'made a folder' if is_folder else 'written'}: {reason}")
+
+
+def _obstacle(path: Path, *, is_folder: bool) -> int:
+    """Return the number of the system's error for a place where nothing can be written, or 0."""
+    place = path if is_folder else path.parent
+    if not is_folder:
+        if path.is_dir():
+            return errno.EISDIR
+        with suppress(FileNotFoundError):  # that its name is too long is told before
+            path.with_name(f".{path.stem}-1{path.suffix}").lstat()
+    while is_folder and not os.path.lexists(place):
+        place = place.parent
+    if not place.is_dir():
+        return errno.ENOTDIR if place.exists() else errno.ENOENT
+    return 0 if os.access(place, os.W_OK | os.X_OK) else errno.EACCES
 
 
 def _fill(path: Path, content: bytes | Iterable[bytes]) -> None:

@@ -124,8 +124,8 @@ def test_an_ensemble_of_tilted_beds_is_told_with_its_interval(bed):
     [
         (("triaxial", "--strain", 2), "strain: input should be less than 0.9; got 2.0"),
         (("triaxial", "--confining-pressure", 0), "confining_pressure"),
-        (("shear",), "No such command 'shear'"),
-        (("ring-shear", "--start", "place"), "No such option: --start"),
+        (("shear",), "no such command 'shear'"),
+        (("ring-shear", "--start", "place"), "no such option: --start"),
         (("collapse", "--release", "roof"), "release must name some of"),
         (("tilt", "--max-angle", 4), "max_angle"),
         (

@@ -1,16 +1,19 @@
 """The command line: every command is a few lines over the public API.
 
-Exit codes: 0 done, 1 a check failed or a format refused the bed, 2 bad input, 130 interrupted.
+Exit codes: 0 done, 1 a check failed or a format refused the bed, 2 bad input, 130 interrupted, 141 nobody reads what is
+printed, 143 told to end.
 """
 
 from __future__ import annotations
 
+import signal
 from typing import Annotated
 
 import typer
 
 import grainsdem
-from grainsdem.cli.options import app, out
+from grainsdem.cli.guard import TerminatedError, out
+from grainsdem.cli.options import app
 
 # Each module puts its commands on the application; the help shows them in this order.
 # isort: off
@@ -50,4 +53,9 @@ def _main(
 
 def main() -> None:
     """Run the command line."""
+    signal.signal(signal.SIGTERM, _terminate)
     app()
+
+
+def _terminate(*_: object) -> None:
+    raise TerminatedError

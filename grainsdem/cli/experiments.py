@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -11,35 +12,29 @@ import typer
 from typer.core import TyperGroup
 
 import grainsdem
+from grainsdem.cli.guard import BAD, Written, err, guarded, out, tell_usage
 from grainsdem.cli.looking.seeing import planform_command
 from grainsdem.cli.made import History, MaxHours, Resume, made_command, running
 from grainsdem.cli.moving import settle_command
-from grainsdem.cli.options import (
-    Bed,
-    Json,
-    Quiet,
-    Rng,
-    app,
-    err,
-    guarded,
-    keyed,
-    load,
-    out,
-    prepare,
-    print_json,
-)
+from grainsdem.cli.options import Bed, Json, Quiet, Rng, app, keyed, load, prepare, print_json
 from grainsdem.errors import GrainsDEMError
 
 if TYPE_CHECKING:
     from grainsdem.described import Described
     from grainsdem.dynamics.experiments.registry import Experiment
 
-Output = Annotated[Path, typer.Argument(help="The packing at the end, to write (.h5).", show_default=False)]
+Output = Annotated[
+    Path,
+    typer.Argument(help="The packing at the end, to write (.h5).", show_default=False),
+    Written("grainsdem.storage:check_suffix"),
+]
 Start = Annotated[
     Literal["random", "place"],
     typer.Option(help="Turn the grains at random, reorder them and set them apart first, or start where they are."),
 ]
-Figure = Annotated[Path | None, typer.Option(help="Draw the curves here (.png).")]
+Figure = Annotated[
+    Path | None, typer.Option(help="Draw the curves here (.png)."), Written("grainsdem.figures.frame:check_suffix")
+]
 
 Forces = Annotated[
     Path | None,
@@ -47,6 +42,7 @@ Forces = Annotated[
         help="Write the contacts at the end with their forces and force chains: .csv, .parquet, .graphml, .vtp for "
         "ParaView, or a picture (.png)."
     ),
+    Written("grainsdem.recipe.experiments:check_forces"),
 ]
 
 FIRST: dict[str, tuple[Any, Any]] = {"bed": (Bed, ...), "output": (Output, ...)}
@@ -74,6 +70,19 @@ MADE = {"settle": settle_command, "planform": planform_command}
 
 class Commands(TyperGroup):
     """Our commands, and those made of functions when they are asked for: most commands need no engine."""
+
+    def main(self, args: Any = None, *, standalone_mode: bool = True, **extra: Any) -> Any:  # type: ignore[override]  # the rest goes by keyword
+        """Run a command; what cannot be read of what was typed is told in one line."""
+        try:
+            code = super().main(args, standalone_mode=False, **extra)
+        except Exception as error:
+            if not standalone_mode or not hasattr(error, "format_message"):
+                raise
+            tell_usage(error)
+            sys.exit(BAD)
+        if standalone_mode:
+            sys.exit(code if isinstance(code, int) else 0)
+        return code
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names of all commands."""
@@ -149,7 +158,9 @@ def ensemble(
         typer.Option(help="Step runs together (mujoco.batch), or give each a process."),
     ] = "auto",
     workers: Annotated[int | None, typer.Option(help="Threads or processes.", min=1)] = None,
-    histories: Annotated[Path | None, typer.Option(help="A folder for the histories of the runs.")] = None,
+    histories: Annotated[
+        Path | None, typer.Option(help="A folder for the histories of the runs."), Written(is_folder=True)
+    ] = None,
     rng: Rng = 0,
     json_: Json = False,
     quiet: Quiet = False,
@@ -198,15 +209,9 @@ def _perform(
     """Run an experiment on a bed, write what comes of it, and print what it measured."""
     from grainsdem import storage
     from grainsdem.figures.curves import curve_figure
-    from grainsdem.figures.frame import check_suffix
-    from grainsdem.recipe.experiments import check_forces, draw_or_write_forces
+    from grainsdem.recipe.experiments import draw_or_write_forces
     from grainsdem.screen import print_facts
 
-    storage.check_suffix(output)
-    if figure is not None:
-        check_suffix(figure)
-    if forces is not None:
-        check_forces(forces)
     prepare("contacts", "shapes", quiet=quiet)
     packing = load(bed)
     with running(found.title, output, shown=not (quiet or json_)) as tell:

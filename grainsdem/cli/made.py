@@ -12,7 +12,8 @@ import typer
 from typer.main import get_command_from_info
 from typer.models import CommandInfo
 
-from grainsdem.cli.options import app, err, guarded, telling
+from grainsdem.cli.guard import Written, err, guarded
+from grainsdem.cli.options import app, telling
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -21,7 +22,9 @@ if TYPE_CHECKING:
     from grainsdem.options import Told
 
 History = Annotated[
-    Path | None, typer.Option(help="Write the history here while the run goes (.h5); an interrupted run keeps it.")
+    Path | None,
+    typer.Option(help="Write the history here while the run goes (.h5); an interrupted run keeps it."),
+    Written("grainsdem.storage:check_suffix"),
 ]
 Resume = Annotated[bool, typer.Option("--resume", help="Go on with the killed run of that history.")]
 MaxHours = Annotated[float, typer.Option(help="Refuse a run that would take longer by estimate.")]

@@ -7,20 +7,8 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from grainsdem.cli.options import (
-    Json,
-    Quiet,
-    Rng,
-    Sieves,
-    app,
-    err,
-    guarded,
-    keyed,
-    out,
-    prepare,
-    print_json,
-    show_summary,
-)
+from grainsdem.cli.guard import Written, err, guarded, out
+from grainsdem.cli.options import Json, Quiet, Rng, Sieves, app, keyed, prepare, print_json, show_summary
 from grainsdem.errors import InputError, RefusedError
 from grainsdem.measures.distributions.fits import Family
 from grainsdem.model.grading import Diameter
@@ -35,7 +23,7 @@ INFILL = "Fine grains in the voids"
 @app.command()
 @guarded
 def demo(
-    folder: Annotated[Path, typer.Option(help="Where the files go.")] = Path("grainsdem_demo"),
+    folder: Annotated[Path, typer.Option(help="Where the files go."), Written(is_folder=True)] = Path("grainsdem_demo"),
     json_: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -50,7 +38,9 @@ def demo(
 def run(
     recipe: Annotated[Path, typer.Argument(help="A recipe (.toml).", show_default=False)],
     folder: Annotated[
-        Path | None, typer.Option(help="Where the files go; by default a folder named like the recipe.")
+        Path | None,
+        typer.Option(help="Where the files go; by default a folder named like the recipe."),
+        Written(is_folder=True),
     ] = None,
     json_: Json = False,
     quiet: Quiet = False,
@@ -85,7 +75,11 @@ def _run(recipe: Path, folder: Path, *, json_: bool, quiet: bool) -> None:
 @app.command()
 @guarded
 def generate(
-    output: Annotated[Path, typer.Argument(help="The packing to write (.h5).", show_default=False)],
+    output: Annotated[
+        Path,
+        typer.Argument(help="The packing to write (.h5).", show_default=False),
+        Written("grainsdem.storage:check_suffix"),
+    ],
     count: Annotated[int | None, typer.Option(help="Number of seeds.", min=1)] = None,
     process: Annotated[
         Process | None, typer.Option(help="How seeds are placed; by default halton, or file where --seeds is given.")
@@ -275,7 +269,6 @@ def generate(
     from grainsdem import storage
     from grainsdem.screen import ChainProgress
 
-    storage.check_suffix(output)
     voids = {
         "porosity": porosity,
         "solid_fraction": solid_fraction,

@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from grainsdem.cli.options import Json, Quiet, app, err, guarded, keyed, out, prepare, print_json
+from grainsdem.cli.guard import Written, err, guarded, out
+from grainsdem.cli.options import Json, Quiet, app, keyed, prepare, print_json
 from grainsdem.errors import InputError
 
 
@@ -17,7 +18,11 @@ def survey(
     recipe: Annotated[
         Path, typer.Argument(help="A recipe (.toml), with a table [survey] or with --vary.", show_default=False)
     ],
-    output: Annotated[Path, typer.Argument(help="The table to write, or to go on with (.csv).", show_default=False)],
+    output: Annotated[
+        Path,
+        typer.Argument(help="The table to write, or to go on with (.csv).", show_default=False),
+        Written("grainsdem.measures.grains.files:check_csv"),
+    ],
     vary: Annotated[
         list[str] | None, typer.Option(help="A key of the recipe and its values, such as seeds.count=100,200,400.")
     ] = None,
@@ -25,6 +30,7 @@ def survey(
     means: Annotated[
         Path | None,
         typer.Option(help="Also write each case's means with half their 95 % intervals (.csv, .parquet, .h5)."),
+        Written("grainsdem.measures.grains.files:check_table"),
     ] = None,
     workers: Annotated[int | None, typer.Option(help="Processes; by default one for each core.", min=1)] = None,
     json_: Json = False,
@@ -36,12 +42,9 @@ def survey(
     """
     import grainsdem
     from grainsdem import survey as surveys
-    from grainsdem.measures.grains.files import check_table
     from grainsdem.recipe import counting_words
     from grainsdem.screen import ChainProgress
 
-    if means is not None:
-        check_table(means)
     plan = surveys.read(recipe, vary=surveys.parse_vary(vary or []), repeats=repeats)
     prepare("cells", "lloyd", "shapes", "contacts", quiet=quiet)
     with ChainProgress(err, shown=not (quiet or json_)) as progress, progress.stage("Growing beds") as tell:
@@ -62,7 +65,9 @@ def images(
         Path, typer.Argument(help="A recipe (.toml); its table [images] says what differs.", show_default=False)
     ],
     folder: Annotated[
-        Path, typer.Argument(help="The folder for images and truth, or one to go on with.", show_default=False)
+        Path,
+        typer.Argument(help="The folder for images and truth, or one to go on with.", show_default=False),
+        Written(is_folder=True),
     ],
     count: Annotated[int, typer.Option(help="Number of photographs.")],
     per_bed: Annotated[int | None, typer.Option(help="Photographs of each bed. [default: 1]")] = None,
@@ -84,7 +89,11 @@ def images(
     ] = None,
     rng: Annotated[int | None, typer.Option(help="Seed of the set, instead of the recipe's.", min=0)] = None,
     workers: Annotated[int | None, typer.Option(help="Processes; by default one for each core.", min=1)] = None,
-    sheet: Annotated[Path | None, typer.Option(help="Also draw the first twelve side by side (.png).")] = None,
+    sheet: Annotated[
+        Path | None,
+        typer.Option(help="Also draw the first twelve side by side (.png)."),
+        Written("grainsdem.figures.frame:check_suffix"),
+    ] = None,
     json_: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -94,11 +103,8 @@ def images(
     """
     import grainsdem
     from grainsdem import recipe as recipes
-    from grainsdem.figures.frame import check_suffix
     from grainsdem.screen import ChainProgress
 
-    if sheet is not None:
-        check_suffix(sheet)
     given = {"per_bed": per_bed, "stones": stones, "labels": labels}
     asked = {**keyed(set_ or []), **{name: value for name, value in given.items() if value is not None}}
     wanted = recipes.with_images(recipes.read(recipe), **asked)

@@ -8,24 +8,19 @@ from typing import Annotated, Any, Literal
 import typer
 
 import grainsdem
+from grainsdem.cli.guard import Written, guarded, out
 from grainsdem.cli.made import History, MaxHours, Resume, made_command, running
-from grainsdem.cli.options import (
-    Bed,
-    Json,
-    Quiet,
-    Rng,
-    app,
-    guarded,
-    load,
-    out,
-    prepare,
-    print_json,
-)
+from grainsdem.cli.options import Bed, Json, Quiet, Rng, app, load, prepare, print_json
 
 FIRST: dict[str, tuple[Any, Any]] = {
     "bed": (Bed, ...),
     "output": (
-        Annotated[Path, typer.Argument(help="The settled packing to write (.h5).", show_default=False)], ...
+        Annotated[
+            Path,
+            typer.Argument(help="The settled packing to write (.h5).", show_default=False),
+            Written("grainsdem.storage:check_suffix"),
+        ],
+        ...,
     ),
 }  # fmt: skip
 """What the command that settles takes before the options."""
@@ -61,7 +56,6 @@ def _settle(
     from grainsdem.recipe import settling_words
     from grainsdem.screen import print_settling
 
-    storage.check_suffix(output)
     prepare("contacts", "shapes", quiet=quiet)
     packing = load(bed)
     with running("Settling", output, shown=not (quiet or json_)) as tell:
@@ -86,7 +80,11 @@ def _settle(
 @guarded
 def heal(
     bed: Bed,
-    output: Annotated[Path, typer.Argument(help="The healed packing to write (.h5).", show_default=False)],
+    output: Annotated[
+        Path,
+        typer.Argument(help="The healed packing to write (.h5).", show_default=False),
+        Written("grainsdem.storage:check_suffix"),
+    ],
     gap: Annotated[float, typer.Option(help="Gap [m] that is left everywhere.", min=0)] = 0.0,
     by: Annotated[
         Literal["scale", "inset"], typer.Option(help="Scale grains about their centroids, or move their faces inward.")
@@ -101,7 +99,6 @@ def heal(
     from grainsdem import storage
     from grainsdem.screen import print_facts
 
-    storage.check_suffix(output)
     prepare("contacts", "shapes", quiet=quiet)
     packing = load(bed)
     healed = grainsdem.heal(packing, gap=gap, by=by, each=each)

@@ -1,8 +1,7 @@
-"""What every command shares: the application, its options, its errors, and how it prints."""
+"""What every command shares: the application, its options, and how it prints."""
 
 from __future__ import annotations
 
-import functools
 import json
 import logging
 import sys
@@ -12,13 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
 
 import grainsdem
-from grainsdem.errors import GrainsDEMError, InputError, RefusedError, ValidationError
+from grainsdem.cli.guard import err, out
+from grainsdem.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Iterator, Sequence
 
     from grainsdem.model import ContactGraph, Packing
 
@@ -34,9 +33,6 @@ app = typer.Typer(
     Start with **grainsdem demo**: a bed of angular sand, grown, checked, written, poured and settled.""",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-out = Console(soft_wrap=True)
-err = Console(stderr=True, soft_wrap=True)
-
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but warnings and errors.")]
@@ -53,51 +49,6 @@ Sieves = Annotated[
     ),
 ]
 Rng = Annotated[int, typer.Option(help="Seed of everything that is random.", min=0)]
-
-
-def guarded(command: Callable[..., None]) -> Callable[..., None]:
-    """Turn errors on purpose into one line and an exit code."""
-
-    @functools.wraps(command)
-    def run_guarded(*args: Any, **kwargs: Any) -> None:
-        try:
-            with warning():
-                command(*args, **kwargs)
-        except ValidationError as error:
-            complain(f"check failed: {error}")
-            raise typer.Exit(1) from None
-        except RefusedError as error:
-            complain(f"refused: {error}")
-            raise typer.Exit(1) from None
-        except GrainsDEMError as error:
-            complain(f"error: {error}")
-            raise typer.Exit(2) from None
-        except KeyboardInterrupt as interrupt:
-            kept = getattr(interrupt, "__notes__", [])
-            complain("; ".join(["interrupted", *kept]))
-            raise typer.Exit(130) from None
-
-    return run_guarded
-
-
-def complain(line: str) -> None:
-    """Print one line to the error stream."""
-    err.print(" ".join(line.split()), markup=False, highlight=False, style="red" if err.is_terminal else None)
-
-
-@contextmanager
-def warning() -> Iterator[None]:
-    """Print warnings that the library logs while the block runs, such as of what is left out, each as one line."""
-    handler = logging.Handler(logging.WARNING)
-    handler.emit = lambda record: complain(f"warning: {record.getMessage()}")  # type: ignore[method-assign]
-    loggers = [logging.getLogger(name) for name in ("grainsdem", "exporters")]
-    for logger in loggers:
-        logger.addHandler(handler)
-    try:
-        yield
-    finally:
-        for logger in loggers:
-            logger.removeHandler(handler)
 
 
 @contextmanager

@@ -8,8 +8,9 @@ from typing import Annotated, Any, Literal
 
 import typer
 
+from grainsdem.cli.guard import Written, err, guarded
 from grainsdem.cli.making import SIZE, size_table
-from grainsdem.cli.options import Json, Quiet, Rng, Sieves, app, err, guarded, keyed, prepare, show_summary
+from grainsdem.cli.options import Json, Quiet, Rng, Sieves, app, keyed, prepare, show_summary
 
 _COMMA = re.compile(r",(?![^\[]*\])")
 """A comma that stands in no list."""
@@ -18,7 +19,11 @@ _COMMA = re.compile(r",(?![^\[]*\])")
 @app.command()
 @guarded
 def pack(
-    output: Annotated[Path, typer.Argument(help="The packing to write (.h5).", show_default=False)],
+    output: Annotated[
+        Path,
+        typer.Argument(help="The packing to write (.h5).", show_default=False),
+        Written("grainsdem.storage:check_suffix"),
+    ],
     shape: Annotated[
         list[str],
         typer.Option(
@@ -66,7 +71,6 @@ def pack(
     from grainsdem import storage
     from grainsdem.screen import ChainProgress
 
-    storage.check_suffix(output)
     table = {"count": count, "diameter": diameter, "by": by, "higher": higher, "solid_fraction": solid_fraction}
     where = {"side": side, "lengths": lengths, "radius": radius, "height": height, "periodic": periodic}
     wanted = recipes.make(

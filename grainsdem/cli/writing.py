@@ -8,7 +8,8 @@ from typing import Annotated
 import typer
 
 import grainsdem
-from grainsdem.cli.options import Bed, Force, Json, Quiet, app, guarded, keyed, load, out, print_json, show_files
+from grainsdem.cli.guard import Written, guarded, out
+from grainsdem.cli.options import Bed, Force, Json, Quiet, app, keyed, load, print_json, show_files
 from grainsdem.errors import InputError, RefusedError, WriteError
 from grainsdem.looks import QUANTITIES, View
 
@@ -29,6 +30,7 @@ def export(
     outputs: Annotated[
         list[Path],
         typer.Argument(help="Files to write, the suffix picks the format; with --to a folder.", show_default=False),
+        Written(is_folder=None),
     ],
     to: Annotated[
         list[str] | None,
@@ -105,7 +107,11 @@ def permeability(
 @guarded
 def render(
     bed: Bed,
-    picture: Annotated[Path, typer.Argument(help="The picture to write (.png).", show_default=False)],
+    picture: Annotated[
+        Path,
+        typer.Argument(help="The picture to write (.png).", show_default=False),
+        Written("grainsdem.figures.frame:check_suffix"),
+    ],
     color_by: ColorBy = "diameter",
     view: FromWhere = None,
     quiet: Quiet = False,
@@ -126,6 +132,7 @@ def replay(
         typer.Argument(
             help="What to write: .gif, .webp, .mp4 (needs ffmpeg), .pvd (ParaView), .usdc or .usda.", show_default=False
         ),
+        Written("grainsdem.figures.motion.replaying:check_motion"),
     ],
     color_by: ColorBy = "id",
     view: FromWhere = None,

@@ -85,12 +85,8 @@ def write(seeds: ArrayLike, path: str | os.PathLike[str]) -> Path:
     WriteError
         If the file cannot be written; nothing is left behind.
     """
-    target = Path(path)
+    target = check_written(path)
     suffix = target.suffix.lower()
-    if suffix not in SUFFIXES or suffix == ".npz":
-        raise FileFormatError(
-            f"{target}: seeds are written as {', '.join(SUFFIXES[:-1])}; got {suffix or 'no suffix'!r}"
-        )
     points = np.asarray(seeds, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] not in (2, 3):
         raise ShapeError(f"seeds must have shape (n, 3) or (n, 2); got {points.shape}")
@@ -104,6 +100,17 @@ def write(seeds: ArrayLike, path: str | os.PathLike[str]) -> Path:
             # Only where x could be taken for an id: the header is one more line for other programs to stumble over.
             is_clear = not text.may_have_ids(points)
             np.savetxt(temporary, points, fmt="%.17g", header="" if is_clear else " ".join("xyz"[: points.shape[1]]))
+    return target
+
+
+def check_written(path: str | os.PathLike[str]) -> Path:
+    """Return the path of seeds, or raise `FileFormatError` where its suffix is none that they are written as."""
+    target = Path(path)
+    suffix = target.suffix.lower()
+    if suffix not in SUFFIXES or suffix == ".npz":
+        raise FileFormatError(
+            f"{target}: seeds are written as {', '.join(SUFFIXES[:-1])}; got {suffix or 'no suffix'!r}"
+        )
     return target
 
 

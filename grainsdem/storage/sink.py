@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import os
+import signal
+import threading
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
@@ -28,10 +30,30 @@ def created(path: Path) -> Iterator[h5py.File]:
     """
     with io.FileIO(path, "w+b") as raw:
         sink = _Sink(raw)
-        with h5py.File(sink, "w", libver=LIBVER, track_order=False) as file:
+        with _uninterrupted(), h5py.File(sink, "w", libver=LIBVER, track_order=False) as file:
             yield file
         if sink.error is not None:
             raise sink.error
+
+
+@contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Let signals wait while the block lasts: HDF5, which calls us, cannot bear an exception."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    heard: list[int] = []
+    known = {int(number): signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: handler for number, handler in known.items() if callable(handler)}
+    for number in before:
+        signal.signal(number, lambda number, _: heard.append(number))
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        for number in heard:
+            signal.raise_signal(number)
 
 
 class _Sink:

@@ -10,7 +10,8 @@ import numpy as np
 import typer
 
 import grainsdem
-from grainsdem.cli.options import Bed, Json, Quiet, app, err, guarded, load, out, prepare, print_json, show_summary
+from grainsdem.cli.guard import Written, err, guarded, out
+from grainsdem.cli.options import Bed, Json, Quiet, app, load, prepare, print_json, show_summary
 
 
 @app.command()
@@ -68,7 +69,9 @@ def measure(
         typer.Option(help="Gap [m] below which grains count as touching; 1e-3 of a diameter by default."),
     ] = None,
     table: Annotated[
-        Path | None, typer.Option(help="Also write one row a grain: .csv, .parquet, .h5 or .hdf5.")
+        Path | None,
+        typer.Option(help="Also write one row a grain: .csv, .parquet, .h5 or .hdf5."),
+        Written("grainsdem.measures.grains.files:check_table"),
     ] = None,
     sieves: Annotated[
         bool,
@@ -77,6 +80,7 @@ def measure(
     neighbors: Annotated[
         Path | None,
         typer.Option(help="Also write who grew beside whom and how far away: .csv, .parquet, .h5 or .hdf5."),
+        Written("grainsdem.measures.grains.files:check_table"),
     ] = None,
     distribution: Annotated[
         bool,
@@ -92,27 +96,23 @@ def measure(
         ),
     ] = "volume",
     net: Annotated[
-        Path | None, typer.Option(help="Also draw where the grains' axes point: Schmidt's net and a rose (.png).")
+        Path | None,
+        typer.Option(help="Also draw where the grains' axes point: Schmidt's net and a rose (.png)."),
+        Written("grainsdem.figures.frame:check_suffix"),
     ] = None,
     axis: Annotated[Literal["a", "b", "c"], typer.Option(help="Long, middle or short axis, in that picture.")] = "a",
     contacts: Annotated[
         Path | None,
         typer.Option(help="Also write who touches whom: .csv, .parquet, .graphml, or .vtp for ParaView."),
+        Written("grainsdem.measures.graph.edges:check_edges"),
     ] = None,
     walls: Annotated[bool, typer.Option("--walls", help="Write contacts with walls, too, under negative ids.")] = False,
     json_: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Measure a bed: porosity, grain sizes and how they are distributed, sphericity, coordination."""
-    from grainsdem.figures.frame import check_suffix
-    from grainsdem.measures.grains.files import check_table
-    from grainsdem.measures.graph.edges import check_edges
     from grainsdem.screen import print_distribution
 
-    asked = ((check_table, table), (check_table, neighbors), (check_edges, contacts), (check_suffix, net))
-    for check, path in asked:
-        if path is not None:
-            check(path)
     packing = load(bed)
     # While a bed knows its cells its porosity is known in closed form.
     steps = ["contacts", *(["shapes"] if packing.links is None else []), *(["walls"] if walls else [])]

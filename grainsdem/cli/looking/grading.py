@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from grainsdem.cli.options import Json, Quiet, app, err, guarded, load, out, print_json
+from grainsdem.cli.guard import Written, err, guarded, out
+from grainsdem.cli.options import Json, Quiet, app, load, print_json
 from grainsdem.errors import InputError
 from grainsdem.measures.distributions.sheets.reading import Kind
 from grainsdem.measures.distributions.sheets.sheet import Unit
@@ -47,19 +48,20 @@ def fit(
         Diameter, typer.Option(help="Size of the bed's grains: the square hole they pass, or their volume's.")
     ] = "sieve",
     confidence: Annotated[float, typer.Option(help="How often intervals are to hold the truth.")] = 0.95,
-    figure: Annotated[Path | None, typer.Option(help="Also draw sheet, fits and bed (.png).")] = None,
+    figure: Annotated[
+        Path | None,
+        typer.Option(help="Also draw sheet, fits and bed (.png)."),
+        Written("grainsdem.figures.frame:check_suffix"),
+    ] = None,
     json_: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Fit normal, lognormal and log-hyperbolic distributions to a sieve sheet, and say how well a bed has its curve."""
     import grainsdem
     from grainsdem.errors import GrainsDEMError
-    from grainsdem.figures.frame import check_suffix
     from grainsdem.measures.distributions import FAMILIES
     from grainsdem.screen import print_sheet
 
-    if figure is not None:
-        check_suffix(figure)
     told = grainsdem.read_sieves(sheet, unit=unit, kind=kind)
     fits: dict[str, SizeFit] = {}
     reasons = {}
@@ -128,17 +130,18 @@ def unfold(
             help="A bed of grains of the same kind, of any sizes: what sections such grains have. By default balls."
         ),
     ] = None,
-    table: Annotated[Path | None, typer.Option(help="Also write the classes: .csv, .parquet or .h5.")] = None,
+    table: Annotated[
+        Path | None,
+        typer.Option(help="Also write the classes: .csv, .parquet or .h5."),
+        Written("grainsdem.measures.grains.files:check_table"),
+    ] = None,
     json_: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Say how large grains are from the sizes of their sections in a plane at random."""
     import grainsdem
-    from grainsdem.measures.grains.files import check_table
     from grainsdem.screen import print_facts
 
-    if table is not None:
-        check_table(table)
     sizes = _diameters(sections)
     found = grainsdem.unfold(sizes, None if kernel is None else grainsdem.SectionKernel.of(load(kernel)))
     marks = (10, 16, 50, 84, 90)

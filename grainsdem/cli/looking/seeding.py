@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from grainsdem.cli.options import Json, Quiet, app, guarded, out, print_json
+from grainsdem.cli.guard import Written, guarded, out
+from grainsdem.cli.options import Json, Quiet, app, print_json
 from grainsdem.errors import InputError
 
 if TYPE_CHECKING:
@@ -32,7 +33,11 @@ def seeds(
     reach: Annotated[
         float | None, typer.Option(help="Largest distance [m] of pairs; by default three mean spacings.")
     ] = None,
-    write: Annotated[Path | None, typer.Option(help="Also write the seeds [m]: .txt, .csv or .npy.")] = None,
+    write: Annotated[
+        Path | None,
+        typer.Option(help="Also write the seeds [m]: .txt, .csv or .npy."),
+        Written("grainsdem.points.files:check_written"),
+    ] = None,
     json_: Json = False,
     quiet: Quiet = False,
 ) -> None:

@@ -10,8 +10,9 @@ from typing import Annotated, Any, Literal
 import typer
 
 import grainsdem
+from grainsdem.cli.guard import Written, err, guarded, out
 from grainsdem.cli.made import made_command
-from grainsdem.cli.options import Bed, Force, Json, Quiet, app, err, guarded, load, out, print_json
+from grainsdem.cli.options import Bed, Force, Json, Quiet, app, load, print_json
 from grainsdem.errors import InputError
 
 LOG = logging.getLogger(__name__)
@@ -31,7 +32,9 @@ Region = Annotated[
 def voxels(
     bed: Bed,
     output: Annotated[
-        Path, typer.Argument(help="The file to write: .npy, .nrrd, .raw, .tif or .vti.", show_default=False)
+        Path,
+        typer.Argument(help="The file to write: .npy, .nrrd, .raw, .tif or .vti.", show_default=False),
+        Written("grainsdem.measures.voxels.files:check_suffix"),
     ],
     resolution: Size = None,
     per_diameter: PerDiameter = None,
@@ -41,10 +44,8 @@ def voxels(
     quiet: Quiet = False,
 ) -> None:
     r"""Write which grain each voxel lies in, layer by layer (TIFF: pip install "grainsdem\[images]")."""
-    from grainsdem.measures.voxels.files import check_suffix
     from grainsdem.screen import ChainProgress, print_facts
 
-    check_suffix(output)
     packing, box = load(bed), None if region is None else (region[:3], region[3:])
     with ChainProgress(err, shown=not (quiet or json_)) as progress, progress.stage("Voxels") as tell:
         file = grainsdem.write_voxels(
@@ -73,8 +74,16 @@ def phases(
     resolution: Size = None,
     per_diameter: PerDiameter = None,
     region: Region = None,
-    table: Annotated[Path | None, typer.Option(help="Also write the two-point correlation (.csv).")] = None,
-    figure: Annotated[Path | None, typer.Option(help="Also draw the correlation and the chords (.png).")] = None,
+    table: Annotated[
+        Path | None,
+        typer.Option(help="Also write the two-point correlation (.csv)."),
+        Written("grainsdem.measures.grains.files:check_csv"),
+    ] = None,
+    figure: Annotated[
+        Path | None,
+        typer.Option(help="Also draw the correlation and the chords (.png)."),
+        Written("grainsdem.figures.frame:check_suffix"),
+    ] = None,
     json_: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -117,24 +126,34 @@ def phases(
 @guarded
 def section(
     bed: Bed,
-    picture: Annotated[Path, typer.Argument(help="The picture to write (.png).", show_default=False)],
+    picture: Annotated[
+        Path,
+        typer.Argument(help="The picture to write (.png).", show_default=False),
+        Written("grainsdem.figures.frame:check_suffix"),
+    ],
     plane: Annotated[
         str | None,
         typer.Option(help="Such as z=0.01, or n_x,n_y,n_z,d for n · x = d [m]; by default level, in the middle."),
     ] = None,
     color_by: Annotated[Literal["diameter", "id", "none"], typer.Option(help="What colours the grains.")] = "diameter",
-    table: Annotated[Path | None, typer.Option(help="Also write one row a polygon (.csv).")] = None,
-    profile: Annotated[Path | None, typer.Option(help="Also write one row for each of many levels (.csv).")] = None,
+    table: Annotated[
+        Path | None,
+        typer.Option(help="Also write one row a polygon (.csv)."),
+        Written("grainsdem.measures.grains.files:check_csv"),
+    ] = None,
+    profile: Annotated[
+        Path | None,
+        typer.Option(help="Also write one row for each of many levels (.csv)."),
+        Written("grainsdem.measures.grains.files:check_csv"),
+    ] = None,
     levels: Annotated[int, typer.Option(help="Levels of the profile.", min=1)] = 32,
     axis: Annotated[Literal["x", "y", "z"], typer.Option(help="Along which the levels follow one another.")] = "z",
     json_: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Cut a bed by a plane: the polygons of its grains, drawn and measured, beside what stereology expects."""
-    from grainsdem.figures.frame import check_suffix
     from grainsdem.screen import print_facts
 
-    check_suffix(picture)
     packing = load(bed)
     cut = grainsdem.section(packing, **_plane(plane, packing))
     grainsdem.figures.section_figure(cut, picture, color_by=None if color_by == "none" else color_by)
@@ -158,7 +177,11 @@ def section(
 FIRST: dict[str, tuple[Any, Any]] = {
     "bed": (Bed, ...),
     "folder": (
-        Annotated[Path, typer.Argument(help="The folder for the image and its truth.", show_default=False)],
+        Annotated[
+            Path,
+            typer.Argument(help="The folder for the image and its truth.", show_default=False),
+            Written(is_folder=True),
+        ],
         ...,
     ),
     "pixel": (Annotated[float | None, typer.Option(help="Edge of a pixel [m].")], None),
@@ -180,7 +203,14 @@ LAST: dict[str, tuple[Any, Any]] = {
         None,
     ),
     "least_pixels": (Annotated[int, typer.Option(help="Grains of which fewer are seen are specks.", min=1)], 1),
-    "figure": (Annotated[Path | None, typer.Option(help="Also draw image, grains, depths and sizes (.png).")], None),
+    "figure": (
+        Annotated[
+            Path | None,
+            typer.Option(help="Also draw image, grains, depths and sizes (.png)."),
+            Written("grainsdem.figures.frame:check_suffix"),
+        ],
+        None,
+    ),
     "rng": (Annotated[int, typer.Option(help="Seed of reflectances, colours, textures and noise.", min=0)], 0),
     "force": (Force, False),
     "json_": (Json, False),

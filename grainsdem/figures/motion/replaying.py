@@ -53,10 +53,7 @@ def replay(
     InputError, ShapeError, MissingFileError, MissingPackageError, WriteError
         As in `animate`, `exporters.replay` and `load_motion`.
     """
-    suffix = Path(path).suffix.lower()
-    if suffix not in (*SUFFIXES, *exporters.replays.SUFFIXES):
-        allowed = ", ".join((*SUFFIXES, *exporters.replays.SUFFIXES))
-        raise FileFormatError(f"{path}: motion is written as {allowed}; got {suffix or 'no suffix'!r}")
+    suffix = check_motion(path).suffix.lower()
     packing, motion = load_moved(history, packing), load_motion(history)
     times, positions, quaternions = (motion[name] for name in ("times", "positions", "quaternions"))
     if suffix in exporters.replays.SUFFIXES:
@@ -65,3 +62,13 @@ def replay(
         )
     around = load_surroundings(history)
     return [animate(packing, path, times=times, positions=positions, quaternions=quaternions, around=around, **look)]
+
+
+def check_motion(path: str | os.PathLike[str]) -> Path:
+    """Return the path of a replay, or raise `FileFormatError` where its suffix is none that motion is written as."""
+    target = Path(path)
+    allowed = (*SUFFIXES, *exporters.replays.SUFFIXES)
+    if target.suffix.lower() not in allowed:
+        given = target.suffix.lower() or "no suffix"
+        raise FileFormatError(f"{target}: motion is written as {', '.join(allowed)}; got {given!r}")
+    return target

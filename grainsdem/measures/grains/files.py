@@ -76,10 +76,15 @@ def write_csv(rows: NDArray[np.void], path: str | os.PathLike[str]) -> Path:
     WriteError
         If it cannot be written.
     """
+    return write_table(rows, check_csv(path))
+
+
+def check_csv(path: str | os.PathLike[str]) -> Path:
+    """Return the path of a table, or raise `FileFormatError` where it does not end in ``.csv``."""
     target = Path(path)
     if target.suffix.lower() != ".csv":
         raise FileFormatError(f"{target}: a table is written as .csv; got {target.suffix or 'no suffix'!r}")
-    return write_table(rows, target)
+    return target
 
 
 def check_table(path: str | os.PathLike[str]) -> Path:
