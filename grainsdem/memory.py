@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+import shutil
 
-from grainsdem.errors import InputError
+from grainsdem.errors import InputError, WriteError
 
 SHARE = 0.8
 """Of the memory that the machine has: what one call may take."""
@@ -42,6 +43,25 @@ def allowed_memory() -> float:
     if not limit > 0:
         raise InputError(f"{VARIABLE} must be a number of GB above 0; got {told!r}")
     return limit * 1e9
+
+
+def allow_disk(folder: os.PathLike[str], n_bytes: float, what: str) -> None:
+    """Raise `WriteError` where a file of so many bytes has no room on the disk of a folder.
+
+    Parameters
+    ----------
+    folder : path-like
+        Where it is to be.
+    n_bytes : float
+        Its size.
+    what : str
+        What it would hold, in the plural.
+    """
+    free = shutil.disk_usage(folder).free
+    if not n_bytes <= free:
+        raise WriteError(
+            f"{what} would take {n_bytes / 1e9:.3g} GB of disk, and {free / 1e9:.3g} GB are free in {folder}"
+        )
 
 
 def allow_memory(n: float, each: float, what: str) -> None:

@@ -186,6 +186,53 @@ STRICT = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=Fals
 """What models of options are: a text or a yes is no number, and no number is infinite."""
 
 
+SMALLEST, LARGEST = 1e-30, 1e30
+"""Of numbers that are not zero: beyond, their cubes and quotients leave what a computer can hold."""
+
+_MOST = 2**63 - 1
+"""The largest whole number that arrays, files and other programs hold."""
+
+
+def held_numbers(schema: Any) -> Any:
+    """Return pydantic's schema of a model whose numbers are numbers: no yes, no text, none that breaks arithmetic."""
+    if isinstance(schema, list | tuple):
+        return type(schema)(held_numbers(item) for item in schema)
+    if not isinstance(schema, dict):
+        return schema
+    if schema.get("type") in {"float", "int"}:
+        check = {"type": "no-info", "function": number}
+        return {"type": "function-before", "function": check, "schema": schema}
+    return {key: value if key in _NO_SCHEMAS else held_numbers(value) for key, value in schema.items()}
+
+
+_NO_SCHEMAS = {"metadata", "config", "default", "function", "serialization", "cls", "ref", "expected"}
+"""Keys of a schema that hold no schemas."""
+
+
+def number(value: Any) -> Any:
+    """Return what may be a number of a file, or raise."""
+    if isinstance(value, bool | str | bytes):
+        raise ValueError("input should be a valid number")  # noqa: TRY004  (what pydantic tells)
+    if isinstance(value, int) and abs(value) > _MOST:
+        raise ValueError(f"input should be at most {_MOST} in size")
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ValueError("input should be a finite number")
+    if isinstance(value, float) and value and not SMALLEST <= abs(value) <= LARGEST:
+        raise ValueError(f"input should be 0, or between {SMALLEST:g} and {LARGEST:g} in size")
+    return value
+
+
+class Options(BaseModel):
+    """Options of a function as a model."""
+
+    model_config = STRICT
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: Any) -> Any:
+        """Hold all numbers."""
+        return held_numbers(handler(source))
+
+
 class Told(NamedTuple):
     """What is told of an option.
 
@@ -257,7 +304,7 @@ def model_of(function: Callable[..., Any], name: str, **defaults: Any) -> type[B
         if get_origin(kind) is Annotated and parameter.name not in notes:
             default = ... if parameter.default is parameter.empty else parameter.default
             fields[parameter.name] = (_stored(kind), defaults.get(parameter.name, default))
-    return create_model(name, __config__=STRICT, **fields)
+    return create_model(name, __base__=Options, **fields)
 
 
 def _stored(kind: Any) -> Any:

@@ -72,11 +72,11 @@ class ChainProgress:
     def __init__(self, console: Console, *, shown: bool = True) -> None:
         self._bars = Progress(
             SpinnerColumn(finished_text="[green]✓[/green]"),
-            TextColumn("{task.description:<15}"),
+            TextColumn("{task.description:<15}", markup=False),
             BarColumn(bar_width=8),
             TimeElapsedColumn(),
-            TextColumn("{task.fields[left]}"),
-            TextColumn("{task.fields[words]}"),
+            TextColumn("{task.fields[left]}", markup=False),
+            TextColumn("{task.fields[words]}", markup=False),
             console=console,
             disable=not (shown and console.is_terminal),
         )
@@ -108,7 +108,7 @@ def print_result(console: Console, name: str, result: Result) -> None:
     if result.settled is not None:
         columns["settled, one run"] = result.summaries["settled"]
     overlaps = {title: _overlap(result.reports[key]) for title, key in zip(columns, result.reports, strict=True)}
-    table = Table(title=name, title_justify="left", title_style="bold")
+    table = Table(title=Text(name), title_justify="left", title_style="bold")
     table.add_column("")
     for title in columns:
         table.add_column(title, justify="right")
@@ -133,7 +133,7 @@ def print_result(console: Console, name: str, result: Result) -> None:
 
 def print_summary(console: Console, title: str, summary: dict[str, Any]) -> None:
     """Print the measures of one bed."""
-    table = Table(title=title, title_justify="left", title_style="bold", show_header=False)
+    table = Table(title=Text(title), title_justify="left", title_style="bold", show_header=False)
     for row in _rows([summary]):
         table.add_row(*row)
     console.print(table)
@@ -141,7 +141,7 @@ def print_summary(console: Console, title: str, summary: dict[str, Any]) -> None
 
 def print_settling(console: Console, title: str, summary: dict[str, Any]) -> None:
     """Print the measures of a settled bed and how it settled."""
-    table = Table(title=title, title_justify="left", title_style="bold", show_header=False)
+    table = Table(title=Text(title), title_justify="left", title_style="bold", show_header=False)
     rest = "" if summary["at_rest"] else " (time was up: not at rest)"
     rows = [
         *_rows([summary]),
@@ -159,14 +159,14 @@ def print_settling(console: Console, title: str, summary: dict[str, Any]) -> Non
 
 def print_report(console: Console, title: str, report: Report) -> None:
     """Print every check of a validation, the offenders of those that failed, and the verdict."""
-    table = Table(title=title, title_justify="left", title_style="bold")
+    table = Table(title=Text(title), title_justify="left", title_style="bold")
     for column in ("check", "", "worst", "allowed", "offenders"):
         table.add_column(column, justify="right" if column in ("worst", "allowed") else "left")
     for check in report.checks:
         offenders = ["–".join(map(str, o)) if isinstance(o, tuple) else str(o) for o in check.offenders]
         table.add_row(
             check.name,
-            "[green]ok[/green]" if check.ok else "[red]FAILED[/red]",
+            Text("ok", style="green") if check.ok else Text("FAILED", style="red"),
             f"{check.worst:.3g} {check.unit}".strip(),
             f"{check.threshold:.3g} {check.unit}".strip(),
             name_offenders(offenders) + (f" ({check.note})" if check.note and not check.ok else ""),
@@ -176,7 +176,7 @@ def print_report(console: Console, title: str, report: Report) -> None:
 
 def print_info(console: Console, title: str, facts: dict[str, Any]) -> None:
     """Print what a file holds and the steps that made it."""
-    table = Table(title=title, title_justify="left", title_style="bold", show_header=False)
+    table = Table(title=Text(title), title_justify="left", title_style="bold", show_header=False)
     for key, value in facts.items():
         if key != "provenance":
             table.add_row(key.replace("_", " "), Text(str(value)))
@@ -221,7 +221,7 @@ def print_distribution(console: Console, title: str, found: dict[str, Any]) -> N
     """Print what is said of the sizes of a bed: statistics by number and by volume, and the fits, best first."""
     by = (found["by_number"], found["by_volume"])
     names = {"sieve": "square holes passed", "area": "equal-area diameters", "volume": "equal-volume diameters"}
-    table = Table(title=f"{title}: {names[found['diameter']]}", title_justify="left", title_style="bold")
+    table = Table(title=Text(f"{title}: {names[found['diameter']]}"), title_justify="left", title_style="bold")
     for column in ("", "by number", "by volume"):
         table.add_column(column, justify="right" if column else "left")
     for mark in by[0]["percentiles"]:
@@ -241,7 +241,7 @@ def print_distribution(console: Console, title: str, found: dict[str, Any]) -> N
 def print_sheet(console: Console, title: str, found: dict[str, Any]) -> None:
     """Print a sieve sheet, how well a bed has it, its graphic statistics, and the fits, best first."""
     bed = found["bed"]
-    table = Table(title=title, title_justify="left", title_style="bold")
+    table = Table(title=Text(title), title_justify="left", title_style="bold")
     for column in (
         "opening, mm",
         "passing, %",
@@ -271,7 +271,7 @@ def print_sheet(console: Console, title: str, found: dict[str, Any]) -> None:
 
 def _print_fits(console: Console, title: str, fits: dict[str, Any]) -> None:
     best = min(fit["aic"] for fit in fits.values())
-    table = Table(title=title, title_justify="left")
+    table = Table(title=Text(title), title_justify="left")
     for column in ("family", "AIC", "K–S", "parameters (95 %)"):
         table.add_column(column, no_wrap=True)
     for family, fit in sorted(fits.items(), key=lambda item: item[1]["aic"]):

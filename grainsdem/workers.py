@@ -15,7 +15,7 @@ from queue import Empty, SimpleQueue
 from threading import Event, Thread
 from typing import TYPE_CHECKING, Any, BinaryIO, cast
 
-from grainsdem.errors import GrainsDEMError
+from grainsdem.errors import GrainsDEMError, InputError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -24,6 +24,16 @@ if TYPE_CHECKING:
 def n_processors() -> int:
     """Return how many processors this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+MOST_WORKERS = 1024
+"""Threads or processes that may be asked for."""
+
+
+def check_workers(workers: int | None) -> None:
+    """Raise `InputError` where so many threads or processes are none, or more than any machine is asked for."""
+    if workers is not None and not 1 <= workers <= MOST_WORKERS:
+        raise InputError(f"workers must be between 1 and {MOST_WORKERS}; got {workers:.4g}")
 
 
 def can_start() -> bool:
@@ -56,6 +66,7 @@ def share(
     GrainsDEMError
         If a process ends before its work is done. What the function itself raises is raised here.
     """
+    check_workers(workers)
     workers = min(n_processors() if workers is None else workers, len(jobs))
     if workers <= 1:
         for number, job in enumerate(jobs):

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from grainsdem.errors import InputError
 from grainsdem.options import (
+    SMALLEST,
     ByName,
     Note,
     Stored,
@@ -145,7 +146,7 @@ def test_a_range_lets_through_what_lies_in_it_and_nothing_else(value):
     try:
         found = checked(MODEL, {"share": value})["share"]
     except InputError:
-        assert not 0 < value <= 1
+        assert not SMALLEST <= value <= 1
     else:
         assert 0 < found == value <= 1
 

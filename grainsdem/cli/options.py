@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import logging
 import sys
-import tomllib
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -14,7 +13,8 @@ import typer
 
 import grainsdem
 from grainsdem.cli.guard import err, out
-from grainsdem.errors import InputError
+from grainsdem.errors import FileFormatError, InputError
+from grainsdem.toml import read_toml
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -102,8 +102,8 @@ def keyed(items: list[str]) -> dict[str, Any]:
         if not (key and equals):
             raise InputError(f"an option is written as key=value; got {item!r}")
         try:
-            found[key] = tomllib.loads(f"value = {value}")["value"]
-        except tomllib.TOMLDecodeError:
+            found[key] = read_toml(f"value = {value}")["value"]
+        except FileFormatError:
             found[key] = value
     return found
 

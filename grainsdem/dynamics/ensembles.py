@@ -18,7 +18,7 @@ from grainsdem.atomic import working_in
 from grainsdem.dynamics.engine.lockstep import Lockstep, UnlikeError
 from grainsdem.errors import InputError, name_offenders
 from grainsdem.gate import gated
-from grainsdem.workers import n_processors, share
+from grainsdem.workers import check_workers, n_processors, share
 
 if TYPE_CHECKING:
     import os
@@ -175,6 +175,7 @@ def ensemble(
         raise InputError(f"an ensemble needs seeds that differ, one at least; got {list(chosen)}")
     if through not in ("auto", "batch", "processes"):
         raise InputError(f"through must be 'auto', 'batch' or 'processes'; got {through!r}")
+    check_workers(workers)
     _check_options(experiment, options)
     if len(chosen) > 1:
         _refuse_copies(experiment, options)

@@ -155,7 +155,10 @@ def _within_planes(packing: Packing, lower: NDArray[np.float64], upper: NDArray[
 def _surface(packing: Packing, lower: NDArray[np.float64], upper: NDArray[np.float64], width: float) -> float:
     """Return the height [m] of the free surface over a rectangle of the floor."""
     vertices = world_vertices(packing)
-    counts = np.maximum(np.floor((upper - lower) / width), 1).astype(np.int64)
+    columns_wanted = np.maximum(np.floor((upper - lower) / width), 1)
+    if columns_wanted.prod() > 2 * len(vertices):  # most columns have no grain
+        return float(packing.domain.lower[2])
+    counts = columns_wanted.astype(np.int64)
     columns = np.floor((vertices[:, :2] - lower) / (upper - lower) * counts).astype(np.int64)
     inside = ((columns >= 0) & (columns < counts)).all(axis=1)
     # A column without a grain is a pit down to the floor.

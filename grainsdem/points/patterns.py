@@ -31,6 +31,9 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
+_SHORTEST = 1e-12
+"""Of the domain's longest edge: below, no place in it is told from another, and volumes vanish."""
+
 PAIRS_AT_ONCE = 1_000_000
 """Pairs that are held at once, but for a single seed with more neighbours: memory does not grow with the pairs."""
 
@@ -168,6 +171,8 @@ def describe(seeds: ArrayLike, domain: Domain, *, reach: float | None = None, sh
     points = _checked(seeds, domain)
     nearest = _nearest(points, domain)
     d, intensity = _dimensions(domain), len(points) / _size(domain)
+    if reach is not None and not (np.isfinite(reach) and reach > 0):
+        raise InputError(f"reach must be positive and finite; got {reach}")
     if reach is None:
         margin = float(_margins(points, domain).max()) if len(domain.planes) else np.inf
         reach = min(3.0 * intensity ** (-1 / d), 0.25 * float(domain.lengths[:d].min()), 0.5 * margin)
@@ -279,6 +284,9 @@ def _edges(radii: ArrayLike, domain: Domain, *, lowest: float) -> Floats:
         raise InputError(f"radii must be one row of finite numbers; got shape {edges.shape}")
     if edges[0] <= lowest or edges[0] < 0 or (np.diff(edges) <= 0).any():
         raise InputError(f"radii must rise from {'0 m' if lowest < 0 else 'above 0 m'}; got {edges.tolist()}")
+    least = _SHORTEST * float(domain.lengths.max())
+    if edges[edges > 0].min(initial=least) < least:
+        raise InputError(f"radii must be at least {least:g} m in this domain; got {edges[edges > 0].min():g} m")
     for axis in range(_dimensions(domain)):
         length = domain.lengths[axis]
         reach = 0.5 * length if domain.periodic[axis] else length

@@ -6,6 +6,8 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from grainsdem.options import held_numbers
+
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Fraction = Annotated[float, Field(ge=0, lt=1)]
 Coefficient = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -15,6 +17,11 @@ class Table(BaseModel):
     """A table of a recipe: unknown keys are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: Any) -> Any:
+        """Hold all numbers: a yes or a text is none."""
+        return held_numbers(handler(source))
 
 
 def flat(tables: dict[str, Any], prefix: str = "") -> dict[str, Any]:

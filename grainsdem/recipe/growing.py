@@ -11,6 +11,7 @@ import numpy as np
 
 from grainsdem.errors import InputError
 from grainsdem.gate import gated
+from grainsdem.memory import A_CELL, allow_memory
 from grainsdem.packing.carve import unwarned
 from grainsdem.recipe.grains import Layers, SievesTable, laid_out, shape, size_ratio, sized
 from grainsdem.recipe.seeds import place
@@ -72,6 +73,8 @@ def grow(recipe: Recipe, monitor: Monitor | None = None) -> Packing:
         return replace(packing, provenance=(*first, *packing.provenance))
     if recipe.seeds.wants_count and recipe.seeds.count is None and sizes is not None and sizes.is_list:
         recipe = _with_count(recipe, len(sizes.listed()))
+    if recipe.seeds.count is not None:
+        allow_memory(recipe.seeds.count, A_CELL, "cells")  # before their seeds are placed
     is_open = recipe.is_count_open
     if is_open:
         with monitor.stage("Counting seeds") as tell:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeVar, get_args
@@ -21,6 +20,7 @@ from grainsdem.recipe.motion import SettleTable
 from grainsdem.recipe.seeds import SeedsTable
 from grainsdem.recipe.views.images import ImagesTable
 from grainsdem.recipe.views.tables import PlanformTable, SectionTable, VoxelsTable
+from grainsdem.toml import read_toml
 
 if TYPE_CHECKING:
     import os
@@ -289,10 +289,7 @@ def _found_beside(table: _Sized, folder: Path) -> _Sized:
 @gated
 def parse(text: str) -> Recipe:
     """Return the recipe that a TOML text holds; errors as in `read`."""
-    try:
-        tables = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise FileFormatError(f"not TOML: {error}") from error
+    tables = read_toml(text)
     try:
         return make(**tables)
     except InputError as error:

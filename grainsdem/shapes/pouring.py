@@ -14,6 +14,7 @@ from grainsdem.geometry.integrals import face_planes, volumes
 from grainsdem.geometry.loose import Arrivals, admit, as_bodies
 from grainsdem.geometry.rotations import identity_quaternions, random_quaternions
 from grainsdem.geometry.selection import select
+from grainsdem.memory import A_CELL, allow_memory
 from grainsdem.model import QUARTZ_DENSITY, Domain, Grading, Packing
 from grainsdem.shapes.mixing import dealt, diameters_of, kinds_of, of_grading, shares_of
 from grainsdem.shapes.sizing import scaled
@@ -120,6 +121,8 @@ def pack(
     its way there, until it is free. The shapes themselves decide, not spheres around them.
     """
     generator = np.random.default_rng(rng)
+    if n is not None:
+        allow_memory(n, A_CELL, "grains")
     kinds = kinds_of(shapes)
     densities = np.asarray(density, dtype=np.float64)
     if densities.shape not in ((), (len(kinds),)):

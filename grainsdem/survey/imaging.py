@@ -17,6 +17,7 @@ from grainsdem.recipe import varied
 from grainsdem.recipe.base import flat
 from grainsdem.recipe.views import ImagesTable
 from grainsdem.survey.picturing import Picture, Sitting, columns, files_of, seed_of, take
+from grainsdem.survey.plan import MOST_BEDS
 from grainsdem.survey.rows import load, read_rows, text_of, write_rows
 from grainsdem.survey.running import PAUSE
 from grainsdem.workers import share
@@ -93,6 +94,8 @@ def images(
     """
     if isinstance(count, bool) or not isinstance(count, int) or count < 1:
         raise InputError(f"count must be a whole number, 1 or more; got {count!r}")
+    if count > MOST_BEDS:
+        raise InputError(f"a set has at most {MOST_BEDS} photographs; got {count:.4g}")
     table, bare = recipe.images or ImagesTable(), recipe.model_copy(update={"images": None})
     _refuse_copies(bare, count, table)
     with working_in(folder) as place:

@@ -7,7 +7,6 @@ import hashlib
 import itertools
 import json
 import math
-import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -17,12 +16,17 @@ from grainsdem.errors import FileFormatError, InputError, MissingFileError, name
 from grainsdem.gate import gated
 from grainsdem.recipe.base import flat
 from grainsdem.recipe.changing import put
+from grainsdem.toml import read_toml
 
 if TYPE_CHECKING:
     import os
     from collections.abc import Iterator, Mapping, Sequence
 
     from grainsdem.recipe import Recipe
+
+
+MOST_BEDS = 1_000_000
+"""Beds of a survey, or photographs of a set: to plan more of them takes hours before the first is grown."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,6 +69,10 @@ class Survey:
             raise InputError(f"lists that are zipped must be equally long; got {lengths}")
         if not isinstance(self.repeats, int) or self.repeats < 1:
             raise InputError(f"repeats must be a whole number, 1 or more; got {self.repeats!r}")
+        sizes = [len(values) for values in self.vary.values()]
+        n_beds = self.repeats * (math.prod(sizes) if self.combine == "product" else max(sizes, default=1))
+        if n_beds > MOST_BEDS:
+            raise InputError(f"a survey grows at most {MOST_BEDS} beds; got {n_beds:.4g}: give fewer values or repeats")
         if "rng" in self.vary and self.repeats > 1:
             raise InputError(f"each value of rng is one bed: repeats must be 1 beside them; got {self.repeats}")
         if "settle" in self.base or any(key.startswith("settle.") for key in self.vary):
@@ -157,9 +165,9 @@ def read(
     if not path.is_file():
         raise MissingFileError(f"{path}: no such file")
     try:
-        tables = tomllib.loads(path.read_text(encoding="utf-8-sig"))  # as Notepad saves it, too
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise FileFormatError(f"{path}: not TOML: {error}") from error
+        tables = read_toml(path.read_text(encoding="utf-8-sig"))  # as Notepad saves it, too
+    except (UnicodeDecodeError, FileFormatError) as error:
+        raise FileFormatError(f"{path}: {error}") from error
     plan = tables.pop("survey", {})
     if not isinstance(plan, dict) or not set(plan) <= {"vary", "combine", "repeats"}:
         raise InputError(f"{path}: the survey table takes vary, combine and repeats; got {plan!r}")
@@ -202,8 +210,8 @@ def parse_vary(items: Sequence[str]) -> dict[str, list[Any]]:
         if not (key and equals and values):
             raise InputError(f"what is varied is written as key=value,value; got {item!r}")
         try:
-            varied[key.strip()] = tomllib.loads(f"values = [{values}]")["values"]
-        except tomllib.TOMLDecodeError:
+            varied[key.strip()] = read_toml(f"values = [{values}]")["values"]
+        except FileFormatError:
             varied[key.strip()] = [value.strip() for value in values.split(",")]
     return varied
 

@@ -180,6 +180,8 @@ def photograph(
     if vignette > 0:
         dimmed = vignetting(glass.radii(), vignette)
         grey = grey * (dimmed if grey.ndim == 2 else dimmed[..., None])
+    if blur > max(grey.shape[:2]):
+        raise InputError(f"blur must be at most the picture's longer edge, {max(grey.shape[:2])} pixels; got {blur:g}")
     if blur > 0:
         from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (scipy.ndimage costs a tenth of a second)
 

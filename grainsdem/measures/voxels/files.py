@@ -7,6 +7,7 @@ References
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -17,10 +18,12 @@ from grainsdem.errors import FileFormatError, InputError, MissingPackageError
 from grainsdem.gate import gated
 from grainsdem.geometry.raster.lattice import OUTSIDE, VOID, label_blocks
 from grainsdem.measures.voxels.labels import fit_lattice
+from grainsdem.memory import allow_disk, allow_memory
 
 if TYPE_CHECKING:
     import os
     from collections.abc import Callable, Iterator
+    from typing import Any
 
     from numpy.typing import ArrayLike, NDArray
 
@@ -101,6 +104,7 @@ def write_voxels(
     target = check_suffix(path)
     lattice = fit_lattice(packing, size=size, per_diameter=per_diameter, region=region)
     dtype = np.dtype(np.uint8 if phase else np.int32)
+    _allow(target, lattice, dtype)
     tally = np.zeros(2, dtype=np.int64)
 
     def blocks() -> Iterator[NDArray[np.generic]]:
@@ -122,6 +126,15 @@ def write_voxels(
     solid, inside = tally.tolist()
     sx, sy, sz = lattice.spacing.tolist()
     return VoxelFile(target, lattice.counts, (sx, sy, sz), 1 - solid / inside if inside else float("nan"))
+
+
+def _allow(target: Path, lattice: Lattice, dtype: np.dtype[Any]) -> None:
+    """Raise an error of ours where the voxels have no room on the disk, or a layer of them none in memory."""
+    _, ny, nx = lattice.shape
+    allow_memory(float(nx) * ny, 64, "voxels of a layer")
+    with suppress(OSError):
+        n = float(nx) * ny * lattice.shape[0]
+        allow_disk(target.parent, n * dtype.itemsize, f"{n:.4g} voxels")
 
 
 def check_suffix(path: str | os.PathLike[str]) -> Path:

@@ -19,7 +19,7 @@ from pydantic import (
 
 from grainsdem.measures.planform.camera.colors import mixture
 from grainsdem.measures.planform.photographs import camera_options
-from grainsdem.options import checked
+from grainsdem.options import checked, number
 from grainsdem.recipe.base import Positive, Table, flat
 
 if TYPE_CHECKING:
@@ -36,9 +36,10 @@ def _ranged(kind: Any, unit: str = "") -> Any:
     def check(given: Any) -> Any:
         is_range = isinstance(given, list | tuple) and len(given) == 2
         try:
-            ends = tuple(one.validate_python(end) for end in (given if is_range else [given]))
-        except ValidationError as error:
-            wrong = error.errors()[0]["msg"].removeprefix("Input ")
+            ends = tuple(one.validate_python(number(end)) for end in (given if is_range else [given]))
+        except ValueError as error:
+            told = error.errors()[0]["msg"] if isinstance(error, ValidationError) else str(error)
+            wrong = told[6:] if told[:6].lower() == "input " else told
             of = f" of {unit}" if unit else ""
             raise ValueError(f"a number or a range [low, high]{of}, each of which {wrong}") from error
         if is_range and ends[0] > ends[1]:

@@ -44,11 +44,13 @@ class Annulus:
     def __init__(self, packing: Packing, inner_radius: float | None, outer_radius: float | None, *, rng: Seed) -> None:
         inner, outer = _radii(packing, inner_radius, outer_radius)
         step = pitch(packing)
-        layer = _layer(inner, outer, step)
-        self.n_glued = len(layer)
+        rough = np.pi * (outer + inner) * (outer - inner) / step**2
+        # Where a layer has more grains than there are it is not laid out to be counted.
+        layer = _layer(inner, outer, step) if rough < 10 * len(packing) + 1000 else np.empty((0, 2))
+        self.n_glued = len(layer) or round(rough)
         if len(packing) < 4 * self.n_glued:
             raise InputError(
-                f"a ring of radii {inner:.4g} and {outer:.4g} m takes {self.n_glued} grains a layer and needs four "
+                f"a ring of radii {inner:.4g} and {outer:.4g} m takes {self.n_glued:.6g} grains a layer and needs four "
                 f"times as many, two layers of them glued; got {len(packing)}"
             )
         n_layers = 2 - (-n_places(len(packing) - 2 * self.n_glued) // self.n_glued)

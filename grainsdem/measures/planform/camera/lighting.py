@@ -32,6 +32,10 @@ class Beam(NamedTuple):
     strength: Floats
 
 
+LOWEST = 0.01
+"""Height [rad] of the light above the horizon, at least."""
+
+
 def beam(view: Planform, heights: Floats, normals: Floats, towards: Floats, lamp: float | None) -> Beam:
     """Return the light on each pixel.
 
@@ -51,13 +55,18 @@ def beam(view: Planform, heights: Floats, normals: Floats, towards: Floats, lamp
     Raises
     ------
     InputError
-        If the lamp is not above the grains.
+        If the light stands too low, or the lamp is not above the grains.
 
     Notes
     -----
     A lamp's light falls with the square of its distance.
     """
     pixel, wraps = float(view.pixel.mean()), (bool(view.periodic[0]), bool(view.periodic[1]))
+    if towards[2] < LOWEST:
+        raise InputError(
+            f"the light must stand {LOWEST:g} rad or more above the horizon: lower, shadows have no end; got "
+            f"{towards[2]:.2g} rad"
+        )
     if lamp is None:
         direct = np.maximum(normals @ towards, 0.0)[view.faces] / towards[2]
         direct[shadows(heights, pixel, towards, wraps=wraps)] = 0.0
