@@ -1,7 +1,8 @@
 """Commands and recipes with values that they cannot take, from their own options and keys: new ones are covered.
 
-``python tests/fuzzing_commands.py`` tries them all and prints what was wrong and a table; with words, those whose names
-hold one of them. Each call has a process and an empty folder of its own.
+``python tests/fuzzing_commands.py`` tries them all and prints what was wrong and a table; with words, commands of those
+names, or keys of recipes that hold one; with a number, so many of each door. Each call has a process and an empty
+folder of its own.
 """
 
 from __future__ import annotations
@@ -18,16 +19,20 @@ import signal
 import sys
 import tempfile
 import time
+from itertools import chain
 from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
 
+from fuzzing import outcome
 from pydantic import BaseModel
 from typer.main import get_command
 
 import grainsdem as gd
 from grainsdem.cli import app, main
 from grainsdem.cli.guard import Written
+from grainsdem.errors import GrainsDEMError
+from grainsdem.recipe.experiments.tables import experiment_tables
 from grainsdem.recipe.tables import recipe_model
 
 PATIENCE = 20
@@ -57,16 +62,19 @@ PLACES = (
 )
 """Where something is to be written; braces stand for the suffix that is right."""
 
-SOURCES = ("", ".", "nowhere{}", "x" * 300 + "{}", "/dev/full", "{folder}/empty{}", "{folder}/junk{}", "{folder}/text{}",
-           "{folder}/[bold]{}", "{folder}/words.txt")  # fmt: skip
+SOURCES = (
+    "", ".", "nowhere{}", "x" * 300 + "{}", "/dev/full", "{folder}/empty{}", "{folder}/junk{}", "{folder}/text{}",
+    "{folder}/[bold]{}", "{folder}/words.txt",
+)  # fmt: skip
 """What something is to be read from."""
 
 VALUES = {
-    "true": "true", "text": '"abc"', "empty": '""', "nan": "nan", "inf": "inf", "-inf": "-inf", "-1": "-1", "0": "0", "1.5": "1.5",
-    "1e-308": "1e-308", "1e308": "1e308", "-1e308": "-1e308", "10000000": "10000000", "10**22": "1" + "0" * 22,
-    "digits": "9" * 4401, "list": "[]", "list of one": "[1]", "numbers": "[1e-308, 1e308, nan]", "deep list": "[" * 500 + "]" * 500,
-    "table": "{}", "table of one": "{a = 1}", "date": "1979-05-27", "path": '"nowhere.csv"', "folder": '"."', "markup": '"[/bold]"',
-    "lines": '"a\\nb"', "zero byte": '"\\u0000"', "three": "[0, 0, 0]", "texts": '["a", "b"]', "deep table": "{a = " * 900 + "1" + "}" * 900,
+    "true": "true", "text": '"abc"', "empty": '""', "nan": "nan", "inf": "inf", "-inf": "-inf", "-1": "-1", "0": "0",
+    "1.5": "1.5", "1e-308": "1e-308", "1e308": "1e308", "-1e308": "-1e308", "10000000": "10000000",
+    "10**22": "1" + "0" * 22, "digits": "9" * 4401, "list": "[]", "list of one": "[1]", "three": "[0, 0, 0]",
+    "numbers": "[1e-308, 1e308, nan]", "deep list": "[" * 500 + "]" * 500, "table": "{}", "table of one": "{a = 1}",
+    "date": "1979-05-27", "path": '"nowhere.csv"', "folder": '"."', "markup": '"[/bold]"', "lines": '"a\\nb"',
+    "zero byte": '"\\u0000"', "texts": '["a", "b"]', "deep table": "{a = " * 900 + "1" + "}" * 900,
 }  # fmt: skip
 """Values of keys, as they stand in a recipe."""
 
@@ -128,8 +136,7 @@ def prepare(folder):
         gd.save(few, folder / "few.h5")
         gd.settle(few, history_path=folder / "history.h5", rng=1)
         np.savetxt(folder / "seeds.csv", seeds, delimiter=",", header="x,y,z", comments="")
-        cut = gd.section(packing, z=1.5e-3)
-        gd.write_csv(gd.section_table(cut), folder / "sections.csv")
+        np.savetxt(folder / "sections.csv", np.random.default_rng(1).uniform(1e-4, 1e-3, 80))
         exporters.write(packing, folder / "bed.stl")
         # Compiled here, once.
         gd.validate(packing)
@@ -158,21 +165,12 @@ def prepare(folder):
 
 def preload():
     """Import what calls import, once for all; nothing of it starts a thread."""
-    for name in ("h5py", "scipy.spatial", "scipy.stats", "scipy.optimize", "scipy.ndimage", "matplotlib.figure", "mujoco", "pxr.Usd",
-                 "exporters", "grainsdem.figures", "grainsdem.survey", "grainsdem.validation", "rich.table", "csv"):  # fmt: skip
-        importlib.import_module(name)
     for name in (
-        "settle",
-        "tilt",
-        "voxelize",
-        "planform",
-        "unfold",
-        "read_sieves",
-        "contacts",
-        "integrate",
-        "pack",
-        "ensemble",
-    ):
+        "h5py", "scipy.spatial", "scipy.stats", "scipy.optimize", "scipy.ndimage", "matplotlib.figure", "mujoco",
+        "pxr.Usd", "exporters", "grainsdem.figures", "grainsdem.survey", "grainsdem.validation", "rich.table", "csv",
+    ):  # fmt: skip
+        importlib.import_module(name)
+    for name in ("settle", "tilt", "voxelize", "planform", "unfold", "read_sieves", "contacts", "pack", "ensemble"):
         getattr(gd, name, None)
 
 
@@ -183,8 +181,9 @@ def commands():
 
 
 READ = {
-    "bed": "bed.h5", "recipe": "recipe.toml", "source": "seeds.csv", "sheet": "sheet.csv", "sections": "sections.csv", "case": "case",
-    "history": "history.h5", "against": "bed.h5", "kernel": "bed.h5", "seeds": "seeds.csv", "sieves": "sheet.csv", "model": "part.xml",
+    "bed": "bed.h5", "recipe": "recipe.toml", "source": "seeds.csv", "sheet": "sheet.csv", "sections": "sections.csv",
+    "case": "case", "history": "history.h5", "against": "bed.h5", "kernel": "bed.h5", "seeds": "seeds.csv",
+    "sieves": "sheet.csv", "model": "part.xml",
 }  # fmt: skip
 """What is read, by the name of its option."""
 
@@ -287,7 +286,7 @@ def command_cases(folder, words=()):
         taken = parameters(command)
         arguments, options = right_call(name, taken, folder)
         if name != "demo":  # which takes minutes
-            yield Case(name, "", "right", (name, *sum(arguments.values(), []), *options))
+            yield Case(name, "", "right", (name, *chain(*arguments.values()), *options))
         for one in taken:
             for value in values_of(one, folder):
                 if name == "demo" and value in ("", ".", "out", "out.odd", "nowhere/out", "[/bold]", "µ—é"):
@@ -302,7 +301,7 @@ def command_cases(folder, words=()):
                     # By its equals sign where it could be taken for an option.
                     more += [f"{one.flag}={value}"] if one.n == 1 else [one.flag, *(one.n - 1) * ["0.001"], value]
                 # Behind two dashes nothing is an option.
-                call = (name, *more, "--", *sum(given.values(), []))
+                call = (name, *more, "--", *chain(*given.values()))
                 yield Case(name, one.name, value, call)
 
 
@@ -327,7 +326,9 @@ BESIDE = {
     ("seeds", "cluster"): {"process": '"cluster"'},
     ("voxels",): {"per_diameter": "4"},
     ("planform",): {"per_diameter": "4"},
+    ("settle",): {"max_time": "0.01", "overlap": "0.5"},
 }
+"""Keys that stand beside the odd one."""
 
 
 def recipe_text(path, value):
@@ -344,11 +345,10 @@ def recipe_text(path, value):
     for known, beside in BESIDE.items():
         if path[: len(known)] == known:
             tables.setdefault(known[:1], {}).update(beside)
+    if path[0] in experiment_tables() and len(path) == 2:
+        tables[path[:1]] = {"max_hours": HOURS}
     *where, key = path
     tables.pop(path, None)
-    for begin in range(len(where)):
-        if where[begin] == "layer":  # one of several tables
-            where[begin] = "layer"
     tables.setdefault(tuple(where), {})[key] = value
     told = [f"{key} = {text}" for key, text in tables.pop(()).items()]
     for table, rows in tables.items():
@@ -359,8 +359,10 @@ def recipe_text(path, value):
 
 
 SURVEY_VALUES = {
-    "vary": ["1", "[]", '{"seeds.count" = 1}', '{"seeds.count" = []}', '{"nothing" = [1]}', '{"seeds.count" = [1e308]}',
-             '{"seeds.count" = [10000000000000000000000]}', '{"seeds.count.x" = [1]}', '{"" = [1]}', '{"settle.x" = [1]}'],
+    "vary": [
+        "1", "[]", '{"seeds.count" = 1}', '{"seeds.count" = []}', '{"nothing" = [1]}', '{"seeds.count" = [1e308]}',
+        '{"seeds.count" = [10000000000000000000000]}', '{"seeds.count.x" = [1]}', '{"" = [1]}', '{"settle.x" = [1]}',
+    ],
     "combine": ["1", '"all"', '""', "[]", "true", "nan"],
     "repeats": ["0", "-1", "true", '"a"', "1.5", "nan", "1" + "0" * 22, "[1]", "{}"],
     "else": ["1"],
@@ -382,16 +384,38 @@ def recipe_cases(words=()):
                 table = "\n".join(f"{name} = {text}" for name, text in told.items())
                 yield Case("survey", f"survey.{key}", value, ("survey", f"{RECIPE}\n[survey]\n{table}\n"))
     for told, text in {
-        "empty": "", "no table": "[seeds", "junk": "\x00\xff", "twice": "[seeds]\n[seeds]\n", "deep": "a = " + "[" * 5000,
-        "deep keys": ".".join(["a"] * 5000) + " = 1", "digits": "rng = " + "9" * 4401, "deep tables": "[" + ".".join(["a"] * 3000) + "]",
+        "empty": "", "no table": "[seeds", "junk": "\x00\xff", "twice": "[seeds]\n[seeds]\n",
+        "deep": "a = " + "[" * 5000, "deep keys": ".".join("a" * 900) + " = 1", "digits": "rng = " + "9" * 4401,
+        "deep tables": "[" + ".".join("a" * 900) + "]",
     }.items():  # fmt: skip
         if not words:
             yield Case("run", "text", told, ("run", text))
             yield Case("survey", "text", told, ("survey", text))
 
 
+def parsed(cases, folder):
+    """Read recipes in one process; return those that are let through, and what was wrong with others."""
+    told = folder / "parsed.json"
+    child = os.fork()
+    if not child:
+        passed, faults = [], []
+        for number, case in enumerate(cases):
+            fault = outcome(gd.recipe.parse, {"text": case.words[1]})
+            if fault:
+                faults.append((number, fault))
+            else:
+                with contextlib.suppress(GrainsDEMError):
+                    gd.recipe.parse(case.words[1])
+                    passed.append(number)
+        told.write_text(json.dumps([passed, faults]))
+        os._exit(0)
+    assert os.waitpid(child, 0)[1] == 0, "a recipe ended the interpreter"
+    passed, faults = json.loads(told.read_text())
+    return [cases[k] for k in passed], [(cases[k], fault) for k, fault in faults]
+
+
 def called(case, folder, work):
-    """Run one case in a process of its own, in an empty folder; return its status, what it printed, and what it left."""
+    """Run one case in a process of its own, in an empty folder; return its status, what it told, and what it left."""
     words = list(case.words)
     if case.argument and words[0] in ("run", "survey") and len(words) == 2:
         (work.parent / "recipe.toml").write_text(words[1], errors="surrogateescape")
@@ -408,12 +432,12 @@ def called(case, folder, work):
         status = 99
         try:
             os.setsid()
-            with told.open("wb") as sink, open(os.devnull, "r+b") as nowhere:  # noqa: PTH123
+            with told.open("wb") as sink, Path(os.devnull).open("r+b") as nowhere:
                 os.dup2(nowhere.fileno(), 0)
                 os.dup2(nowhere.fileno(), 1)
                 os.dup2(sink.fileno(), 2)
             os.chdir(work)
-            sys.stdout, sys.stderr = open(1, "w", closefd=False), open(2, "w", closefd=False)  # noqa: PTH123, SIM115
+            sys.stdout, sys.stderr = open(1, "w", closefd=False), open(2, "w", closefd=False)  # noqa: SIM115
             sys.argv = ["grainsdem", *words]
             try:
                 main()
@@ -457,33 +481,27 @@ def wrong(case, status, told, left):
     """Return the kind of fault and a few words, or nothing where a call ended as it should."""
     lines = [line for line in told.splitlines() if line.strip()]
     mine = [line for line in lines if not line.startswith("warning: ")]
-    if status is None:
-        return "hang", f"{PATIENCE} s"
-    if status < 0:
-        return "crash", f"signal {-status}"
-    if "Traceback (most recent call last)" in told:
-        return "traceback", lines[-1][:200]
-    if any(re.search(r"\w+Warning: ", line) for line in lines):
-        return "warning from below", next(line for line in lines if "Warning: " in line)[:200]
-    if status not in (0, 1, 2):
-        return "bare error", f"exit code {status}: {mine[:1]}"
-    if case.value == "right" and status and "max_hours" not in told:
-        return "right call refused", " ".join(mine)[:200]
+    below = next((line for line in lines if re.search(r"\w+Warning: ", line)), "")
     hidden = [name for name in left if Path(name).name.startswith(".")]
-    if hidden:
-        return "left-over", ", ".join(hidden)
-    if not status:
-        return None
-    if len(mine) != 1:
-        return ("several lines" if mine else "bare error"), " / ".join(mine)[
-            :200
-        ] or f"exit code {status}, nothing told"
-    if not mine[0].startswith(TOLD):
-        return "bare error", mine[0][:200]
-    if status == 2 and left:
-        return "left-over", ", ".join(left)[:200]
-    return None
+    is_refused = case.value == "right" and status and "max_hours" not in told and case.name not in NEVER
+    is_bad = bool(status)
+    faults = [
+        (status is None, "hang", f"{PATIENCE} s"),
+        ((status or 0) < 0, "crash", f"signal {status}"),
+        ("Traceback (most recent call last)" in told, "traceback", " ".join(lines[-1:])),
+        (below, "warning from below", below),
+        (status not in (0, 1, 2), "bare error", f"exit code {status}: {mine[:1]}"),
+        (is_refused, "right call refused", " ".join(mine)),
+        (hidden, "left-over", ", ".join(hidden)),
+        (is_bad and len(mine) > 1, "several lines", " / ".join(mine)),
+        (is_bad and not " ".join(mine).startswith(TOLD), "bare error", " ".join(mine) or "nothing was told"),
+        (status == 2 and left, "left-over", ", ".join(left)),
+    ]
+    return next(((kind, words[:200]) for is_so, kind, words in faults if is_so), None)
 
+
+NEVER = ("permeability", "own-part")
+"""Commands that no file of ours is enough for."""
 
 KINDS = (
     "traceback",
@@ -510,7 +528,7 @@ def tried(cases, folder):
 def sample(cases, n):
     """Return n of the cases, the same ones each time."""
     cases = list(cases)
-    return random.Random(19).sample(cases, min(n, len(cases)))
+    return random.Random(19).sample(cases, min(n, len(cases)))  # noqa: S311  (the same ones each time)
 
 
 def counted(door, cases, folder):
@@ -538,17 +556,24 @@ def tell(rows):
 
 def all_of_it(words):
     """Try what is asked for and print a table."""
+    most = next((int(word) for word in words if word.isdigit()), None)
+    words = [word for word in words if not word.isdigit()]
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         prepare(folder)
         preload()
-        rows = {}
+        doors = {}
         if not words or set(words) & set(commands()):
-            rows["commands"] = counted("commands", command_cases(folder, words), folder)
+            doors["commands"] = command_cases(folder, words)
         if not words or not set(words) <= set(commands()):
-            rows["recipes and surveys"] = counted("recipes and surveys", recipe_cases(words), folder)
-        tell(rows)
-        print(json.dumps(rows))  # noqa: T201
+            recipes = list(recipe_cases(words))
+            passed, faults = parsed([case for case in recipes if case.name == "run"], folder)
+            for case, fault in faults:
+                print(f"recipe | {case.argument} = {case.value} | {fault}", flush=True)  # noqa: T201
+            print(f"recipes read: {len(recipes)}, wrong: {len(faults)}, let through: {len(passed)}")  # noqa: T201
+            doors["recipes and surveys"] = [*passed, *(case for case in recipes if case.name != "run")]
+        chosen = {door: list(cases) if most is None else sample(cases, most) for door, cases in doors.items()}
+        tell({door: counted(door, cases, folder) for door, cases in chosen.items()})
 
 
 if __name__ == "__main__":

@@ -320,7 +320,14 @@ def test_porosity_0_999_is_possible_and_reached(tmp_path):
 
 
 @pytest.mark.skipif(os.name == "nt", reason="signals are sent another way there")
-def test_ctrl_c_while_settling_ends_with_one_line_and_keeps_the_history(tmp_path, bed):
+@pytest.mark.parametrize(
+    ("word", "code", "told"),
+    [
+        (signal.SIGINT, 130, "interrupted"),
+        pytest.param(signal.SIGTERM, 143, "terminated", marks=pytest.mark.slow),
+    ],
+)
+def test_a_signal_while_settling_ends_with_one_line_and_keeps_the_history(tmp_path, bed, word, code, told):
     words = ["settle", bed, tmp_path / "settled.h5", "--history", tmp_path / "history.h5"]
     # A parent in the background may have switched the signal off for its children.
     listen = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
@@ -337,10 +344,10 @@ def test_ctrl_c_while_settling_ends_with_one_line_and_keeps_the_history(tmp_path
     while not (tmp_path / "history.h5").exists() and time.monotonic() < deadline:
         time.sleep(0.2)
     time.sleep(1.0)
-    process.send_signal(signal.SIGINT)
+    process.send_signal(word)
     _, errors = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert "interrupted; the history up to" in errors.strip().splitlines()[-1]
+    assert process.returncode == code
+    assert f"{told}; the history up to" in errors.strip().splitlines()[-1]
     assert "Traceback" not in errors
     assert "time" in grainsdem.load_history(tmp_path / "history.h5")
     assert [p.name for p in tmp_path.iterdir()] == ["history.h5"]

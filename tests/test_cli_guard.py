@@ -141,16 +141,21 @@ def test_words_of_a_file_are_not_taken_for_markup(bed, tmp_path):
         assert "[/bold]:smile:.h5" in "".join(result.stdout.split("\n"))
 
 
+def write_two(path):
+    with created(path) as file:
+        file["one"] = [1]
+        signal.raise_signal(signal.SIGTERM)
+        file["two"] = [2]
+
+
 def test_signals_wait_until_a_packing_is_whole(fresh, tmp_path):
     def press(*_):
         raise KeyboardInterrupt
 
     before = signal.signal(signal.SIGTERM, press)
     try:
-        with pytest.raises(KeyboardInterrupt), created(tmp_path / "a.h5") as file:
-            file["one"] = [1]
-            signal.raise_signal(signal.SIGTERM)
-            file["two"] = [2]
+        with pytest.raises(KeyboardInterrupt):
+            write_two(tmp_path / "a.h5")
         assert signal.getsignal(signal.SIGTERM) is press
     finally:
         signal.signal(signal.SIGTERM, before)

@@ -237,6 +237,34 @@ def test_permeability_is_darcys(tmp_path, fresh):
     assert not openfoam.flow(tmp_path).is_steady
 
 
+@pytest.mark.unit
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ("junk", "Expecting value"),
+        ("[1]", "input should be a valid dictionary"),
+        ("[" * 100_000, "not the case of an export"),
+        ({"axis": "w"}, "axis: input should be 'x', 'y' or 'z'; got 'w'"),
+        ({"kinematic_pressure_drop": None}, "kinematic_pressure_drop: "),
+        ({"kinematic_pressure_drop": 0}, "kinematic_pressure_drop: input should be greater than 0; got 0"),
+        ({"volume": True}, "volume: input should be a valid number; got True"),
+        ({"upper": [0, 0, 0]}, "its upper corner is not above its lower one"),
+        ({"porosity": "x"}, "porosity: input should be a valid number; got 'x'"),
+    ],
+)
+def test_a_junk_case_is_one_line(tmp_path, fresh, change, told):
+    exporters.write(fresh, tmp_path, formats="openfoam", cells=8, void_mesh=False)
+    table = tmp_path / "postProcessing" / "flowRate" / "0" / "surfaceFieldValue.dat"
+    table.parent.mkdir(parents=True)
+    table.write_text("# Time\tsum(phi)\n1\t5e-13\n")
+    case = tmp_path / "case.json"
+    case.write_text(change if isinstance(change, str) else json.dumps({**json.loads(case.read_text()), **change}))
+    with pytest.raises(FileFormatError) as error:
+        openfoam.flow(tmp_path)
+    assert told in str(error.value)
+    assert "\n" not in str(error.value)
+
+
 @pytest.mark.client
 @pytest.mark.parametrize("contact", ["shrink", "cap", "bridge", "union"])
 def test_openfoam_finds_the_surface_of_touching_grains_closed(contact, program, tmp_path):

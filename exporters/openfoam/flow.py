@@ -5,14 +5,18 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
+from pydantic import BaseModel, BeforeValidator, Field, ValidationError
 
 from grainsdem.errors import FileFormatError, InputError, MissingFileError
+from grainsdem.options import explained, number
 
 if TYPE_CHECKING:
     import os
+
+Number = Annotated[float, Field(allow_inf_nan=False), BeforeValidator(number)]
 
 STEADY = 1e-3
 """Largest relative change of the flow rate over the last tenth of the iterations of a flow that is steady."""
@@ -79,7 +83,7 @@ def flow(folder: str | os.PathLike[str]) -> Flow:
     MissingFileError
         If it was not exported by us, or was not run.
     FileFormatError
-        If the flow rates are not numbers.
+        If ``case.json`` is not of an export, or the flow rates are not numbers.
 
     Notes
     -----
@@ -89,21 +93,47 @@ def flow(folder: str | os.PathLike[str]) -> Flow:
     for path in (folder / "case.json", folder / "postProcessing"):
         if not path.exists():
             raise MissingFileError(f"{path}: not there; export a case and run its Allrun first")
-    case = json.loads((folder / "case.json").read_text(encoding="utf-8"))
+    case = _case(folder / "case.json")
     rates = _rates(folder)
-    axis = "xyz".index(case["axis"])
-    size = np.subtract(case["upper"], case["lower"])
-    length = float(size[axis])
-    velocity = float(rates[-1]) / (case["volume"] / length)
-    permeability = velocity * case["viscosity"] * length / case["kinematic_pressure_drop"]
+    axis = "xyz".index(case.axis)
+    length = case.upper[axis] - case.lower[axis]
+    velocity = float(rates[-1]) / (case.volume / length)
+    permeability = velocity * case.viscosity * length / case.kinematic_pressure_drop
     late = rates[-max(len(rates) // 10, 2) :]
     return Flow(
         velocity=velocity,
         permeability=permeability,
-        kozeny_carman=kozeny_carman(case["mean_diameter"], case["porosity"]),
-        reynolds=velocity * case["mean_diameter"] / case["viscosity"],
+        kozeny_carman=kozeny_carman(case.mean_diameter, case.porosity),
+        reynolds=velocity * case.mean_diameter / case.viscosity,
         is_steady=bool(len(rates) > 1 and np.ptp(late) <= STEADY * abs(late[-1])),
     )
+
+
+class _Case(BaseModel):
+    """What is needed of ``case.json``."""
+
+    axis: Literal["x", "y", "z"]
+    lower: tuple[Number, Number, Number]
+    upper: tuple[Number, Number, Number]
+    volume: Annotated[Number, Field(gt=0)]
+    viscosity: Annotated[Number, Field(gt=0)]
+    kinematic_pressure_drop: Annotated[Number, Field(gt=0)]
+    mean_diameter: Annotated[Number, Field(gt=0)]
+    porosity: Annotated[Number, Field(gt=0, lt=1)]
+
+
+def _case(path: Path) -> _Case:
+    """Return what a case says of itself, or raise `FileFormatError` where it is none of ours."""
+    try:
+        case = _Case.model_validate(json.loads(path.read_text(encoding="utf-8")))
+    except ValidationError as error:
+        raise FileFormatError(f"{path}: not the case of an export: {explained(error, lambda _: _Case)}") from error
+    except (OSError, ValueError, RecursionError) as error:
+        raise FileFormatError(f"{path}: not the case of an export: {' '.join(str(error).split())}") from error
+    axis = "xyz".index(case.axis)
+    if not case.upper[axis] > case.lower[axis]:
+        raise FileFormatError(f"{path}: not the case of an export: its upper corner is not above its lower one")
+    return case
 
 
 def _rates(folder: Path) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
@@ -114,7 +144,10 @@ def _rates(folder: Path) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     if not found:
         raise MissingFileError(f"{folder / 'postProcessing'}: holds no flow rate; run the case's Allrun first")
     try:
-        rates = np.loadtxt(found[-1], comments="#", ndmin=2)[:, 1]
-    except (ValueError, IndexError) as error:
+        lines = [line for line in found[-1].read_text(encoding="utf-8").splitlines() if line.partition("#")[0].strip()]
+        rates = np.loadtxt(lines or ["none"], comments="#", ndmin=2)[:, 1]
+        if not np.isfinite(rates).all():
+            raise ValueError("a rate is not finite")  # noqa: TRY301  (told below, like all)
+    except (OSError, ValueError, IndexError) as error:
         raise FileFormatError(f"{found[-1]}: not a table of flow rates: {error}") from error
     return np.asarray(rates, dtype=np.float64)

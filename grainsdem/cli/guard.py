@@ -8,6 +8,7 @@ from __future__ import annotations
 import errno
 import functools
 import logging
+import math
 import os
 import sys
 from contextlib import contextmanager, suppress
@@ -20,6 +21,7 @@ from rich.console import Console
 
 from grainsdem.atomic import check_place
 from grainsdem.errors import GrainsDEMError, InputError, RefusedError, ValidationError
+from grainsdem.options import LARGEST, SMALLEST
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -66,6 +68,7 @@ def guarded(command: Callable[..., None]) -> Callable[..., None]:
     def run_guarded(*args: Any, **kwargs: Any) -> None:
         try:
             with warning():
+                _check_numbers(kwargs)
                 _check_places(command, kwargs)
                 command(*args, **kwargs)
                 if sys.stdout is not None:
@@ -121,6 +124,15 @@ def silence() -> None:
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, sys.stdout.fileno())
         os.close(nowhere)
+
+
+def _check_numbers(given: Mapping[str, Any]) -> None:
+    """Raise `InputError` where an option is a number that arithmetic does not survive."""
+    for name, value in given.items():
+        for part in value if isinstance(value, list | tuple) else [value]:
+            if isinstance(part, float) and part and math.isfinite(part) and not SMALLEST <= abs(part) <= LARGEST:
+                told = f"--{name.rstrip('_').replace('_', '-')}"
+                raise InputError(f"{told} must be 0, or between {SMALLEST:g} and {LARGEST:g} in size; got {part:g}")
 
 
 def _check_places(command: Callable[..., None], given: Mapping[str, Any]) -> None:

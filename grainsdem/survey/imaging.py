@@ -100,7 +100,12 @@ def images(
     _refuse_copies(bare, count, table)
     with working_in(folder) as place:
         _begin(place, bare, table)
-        return _taken(bare, table, place, count, workers=workers, progress=progress)
+        try:
+            return _taken(bare, table, place, count, workers=workers, progress=progress)
+        except BaseException:
+            if not (place / TRUTH).exists():  # it has come to nothing
+                (place / ABOUT).unlink(missing_ok=True)
+            raise
 
 
 def _taken(
@@ -130,7 +135,8 @@ def _taken(
                 _write(place, header, rows)
                 written = time.monotonic()
     finally:
-        _write(place, header, rows)
+        if rows:
+            _write(place, header, rows)
     found = load(place / TRUTH)
     failed = found[found["error"] != ""]
     if failed.size:

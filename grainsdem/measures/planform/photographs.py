@@ -89,7 +89,7 @@ def photograph(
     ] = 0.4,
     brightness: Annotated[float, option("Grey of a level face of mean reflectance in full light.", gt=0)] = 0.6,
     variety: Annotated[
-        float, option("Spread of the grains' reflectance: standard deviation of its logarithm.", ge=0)
+        float, option("Spread of the grains' reflectance: standard deviation of its logarithm.", ge=0, le=10)
     ] = 0.15,
     colors: Annotated[
         Colors,

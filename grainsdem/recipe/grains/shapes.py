@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from grainsdem import shapes
+from grainsdem.memory import A_CELL, allow_memory
 from grainsdem.recipe.base import Positive, Table
 from grainsdem.recipe.grains.sieves import SievesTable
 
@@ -153,6 +154,7 @@ def laid_out(
     progress: Callable[[int, int], None] | None = None,
 ) -> Packing:
     """Return the grains that a table describes, loose in a domain, or in a box of their own."""
+    allow_memory(table.count or 0, A_CELL, "grains")
     kinds = [kind.make(rng) for kind in table.kinds]
     options: dict[str, Any] = {} if table.solid_fraction is None else {"solid_fraction": table.solid_fraction}
     return shapes.pack(

@@ -1,0 +1,22 @@
+"""Commands killed at random moments, those of `crashing`."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytestmark = [pytest.mark.slow, pytest.mark.client]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="there is no SIGKILL there")
+@pytest.mark.parametrize("name", ["save", "export", "survey", "images", "run", "settle", "tilt"])
+def test_what_a_killed_command_left_is_whole_or_absent_and_goes_on_to_the_same_bits(name):
+    # In a process of its own: one that has started threads cannot be forked.
+    words = [sys.executable, str(Path(__file__).with_name("crashing.py")), "3", name]
+    ended = subprocess.run(words, stdout=subprocess.PIPE, text=True, check=True)
+    assert "'tried': 3" in ended.stdout
+    assert "wrong" not in ended.stdout
