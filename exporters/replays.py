@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from exporters.formats import find_for
 from exporters.meshes.vtk import series
 from grainsdem.atomic import write_all
-from grainsdem.errors import FileFormatError
+from grainsdem.errors import FileFormatError, WriteError
 from grainsdem.gate import gated
 
 if TYPE_CHECKING:
@@ -75,6 +75,9 @@ def replay(
         return write_all(path.parent, content, overwrite=overwrite)
     from exporters.usd.replay import write_replay  # noqa: PLC0415  (pxr)
 
+    layer = path.with_name(f"{path.stem}.replay.usdc")
+    if not overwrite and layer.exists():  # before the stage is written
+        raise WriteError(f"{layer}: exists already; pass overwrite=True (--force) to replace it")
     stage = find_for(path).module.files(packing, name=path.stem, suffix=path.suffix)
     written = write_all(path.parent, stage, overwrite=overwrite)
     return [write_replay(path, positions, quaternions, times, overwrite=overwrite), *written]

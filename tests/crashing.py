@@ -54,7 +54,7 @@ def jobs(folder):
     """Return the jobs by name; they run in a folder of their own."""
     bed, recipe = str(folder / "bed.h5"), str(folder / "slow.toml")
     settle = ("settle", bed, "out.h5", "--history", "history.h5", "--max-time", "0.1", "-q")
-    tilt = ("tilt", bed, "out.h5", "--history", "history.h5", "-q")
+    tilt = ("tilt", bed, "out.h5", "--history", "history.h5", "--max-angle", "0.3", "--rate", "0.05", "-q")
     survey = ("survey", str(folder / "recipe.toml"), "out.csv", "--vary", "rng=0,1,2,3,4,5,6,7", "--workers", "1", "-q")
     images = (
         "images",
@@ -68,7 +68,6 @@ def jobs(folder):
         "1",
         "-q",
     )
-    export = ("export", bed, "out", "--to", "stl", "--to", "mjcf", "--to", "usd", "--to", "csv", "--to", "lammps", "-q")
     export = ("export", bed, "out", "--to", "stl", "--to", "mjcf", "--to", "usd", "-q")
     grown = ("generate", "out.h5", "--count", "20000", "--scale", "0.9", "-q")
     return {

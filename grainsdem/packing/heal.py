@@ -11,7 +11,8 @@ from grainsdem.errors import InputError
 from grainsdem.gate import gated
 from grainsdem.geometry.ahead import compiled
 from grainsdem.geometry.bounds import near_images
-from grainsdem.geometry.integrals import integrate
+from grainsdem.geometry.forms.sizes import above_zero
+from grainsdem.geometry.integrals import integrate, volumes
 from grainsdem.geometry.pairs.walls import measure_wall_gaps
 from grainsdem.geometry.separation import bodies, measure_gaps, measure_near, offsets_between
 from grainsdem.packing.carve import subset
@@ -110,8 +111,8 @@ def heal(
     Raises
     ------
     InputError
-        If ``gap`` is negative or not finite, ``each`` or ``by`` is unknown, or grains overlap so far that no size
-        separates them.
+        If ``gap`` is negative or not finite, ``each`` or ``by`` is unknown, a grain has no volume, or grains overlap so
+        far that no size separates them.
 
     Notes
     -----
@@ -127,6 +128,7 @@ def heal(
         raise InputError(f"each must be 'grain' or 'uniform'; got {each!r}")
     if by not in ("scale", "inset"):
         raise InputError(f"by must be 'scale' or 'inset'; got {by!r}")
+    above_zero(volumes(packing.grains))
     compiled("walls")
     solids = bodies(packing)
     tight = _find(packing, solids, gap)
