@@ -31,7 +31,6 @@ from typer.main import get_command
 import grainsdem as gd
 from grainsdem.cli import app, main
 from grainsdem.cli.guard import Written
-from grainsdem.errors import GrainsDEMError
 from grainsdem.recipe.experiments.tables import experiment_tables
 from grainsdem.recipe.tables import recipe_model
 
@@ -289,6 +288,9 @@ def command_cases(folder, words=()):
             yield Case(name, "", "right", (name, *chain(*arguments.values()), *options))
         for one in taken:
             for value in values_of(one, folder):
+                # Who allows a run so many hours gets it.
+                if one.name == "max_hours" and value in ("inf", "1e9", "10000000", "9" * 22, "9" * 23, "9" * 4401):
+                    continue
                 if name == "demo" and value in ("", ".", "out", "out.odd", "nowhere/out", "[/bold]", "µ—é"):
                     continue
                 given, more = dict(arguments), list(options)
@@ -400,13 +402,14 @@ def parsed(cases, folder):
     if not child:
         passed, faults = [], []
         for number, case in enumerate(cases):
-            fault = outcome(gd.recipe.parse, {"text": case.words[1]})
+
+            def parse(text, number=number):
+                gd.recipe.parse(text)
+                passed.append(number)
+
+            fault = outcome(parse, {"text": case.words[1]})
             if fault:
                 faults.append((number, fault))
-            else:
-                with contextlib.suppress(GrainsDEMError):
-                    gd.recipe.parse(case.words[1])
-                    passed.append(number)
         told.write_text(json.dumps([passed, faults]))
         os._exit(0)
     assert os.waitpid(child, 0)[1] == 0, "a recipe ended the interpreter"
@@ -567,10 +570,11 @@ def all_of_it(words):
             doors["commands"] = command_cases(folder, words)
         if not words or not set(words) <= set(commands()):
             recipes = list(recipe_cases(words))
+            recipes = recipes if most is None else sample(recipes, 3 * most)
             passed, faults = parsed([case for case in recipes if case.name == "run"], folder)
             for case, fault in faults:
                 print(f"recipe | {case.argument} = {case.value} | {fault}", flush=True)  # noqa: T201
-            print(f"recipes read: {len(recipes)}, wrong: {len(faults)}, let through: {len(passed)}")  # noqa: T201
+            print(f"recipes read: {len(recipes)}, wrong: {len(faults)}, let through: {len(passed)}", flush=True)  # noqa: T201
             doors["recipes and surveys"] = [*passed, *(case for case in recipes if case.name != "run")]
         chosen = {door: list(cases) if most is None else sample(cases, most) for door, cases in doors.items()}
         tell({door: counted(door, cases, folder) for door, cases in chosen.items()})

@@ -59,6 +59,8 @@ def test_an_option_that_is_no_toml_is_a_word():
             "[seeds]\ncount = 8\n[grains]\nscale = 1\n[tilt]\nmax_angle = 1e-300\n",
             "tilt.max_angle: input should be 0, or",
         ),
+        ("[seeds]\nprocess = {a = 1}\ncount = 8\n[grains]\nscale = 1\n", "seeds.process: input should be 'halton'"),
+        ("[seeds]\nprocess = [1]\ncount = 8\n[grains]\nscale = 1\n", "seeds.process: input should be 'halton'"),
         ("[seeds]\ncount = 8\n[grains]\nscale = 1\n[images]\nblur = [0, true]\n", "images.blur: a number or a range"),
     ],
 )

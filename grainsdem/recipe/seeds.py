@@ -140,7 +140,8 @@ class SeedsTable(Table):
             foreign = [key for key in table if key not in takes] if isinstance(table, dict) else [repr(table)]
             if foreign:
                 raise ValueError(f"the table of process {name!r} takes {', '.join(takes)}; got {', '.join(foreign)}")
-        return {**rest, **own.get(rest.get("process", ""), {})}
+        process = rest.get("process")
+        return {**rest, **(own.get(process, {}) if isinstance(process, str) else {})}
 
     @model_validator(mode="after")
     def _keys_are_the_processs(self) -> Self:
