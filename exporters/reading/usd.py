@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from exporters.reading.rebuild import Shape, gather, placed, refuse_several
+from exporters.reading.rebuild import Shape, gather, placed, refuse_several, with_classes
+from exporters.usd.scene import CLASS
 from grainsdem.errors import FileFormatError
 from grainsdem.model import Domain
 
@@ -43,7 +44,9 @@ def read(path: Path) -> Packing:
     polyhedra = gather(path, shapes)
     turns = np.array(quaternions)
     turns /= np.linalg.norm(turns, axis=1, keepdims=True)
-    return placed(polyhedra, np.array(positions), turns, np.array(masses), _domain(stage))
+    packing = placed(polyhedra, np.array(positions), turns, np.array(masses), _domain(stage))
+    classes = [mesh.GetAttribute(CLASS).Get() for _, mesh in found]
+    return packing if None in classes else with_classes(packing, classes)
 
 
 def _shape(mesh: Any, length: float) -> Shape:
