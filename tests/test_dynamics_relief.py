@@ -15,7 +15,6 @@ from loading import borne, grow
 from exporters.mjcf import MjcfOptions
 from grainsdem.dynamics import ensemble, settle
 from grainsdem.dynamics.checkpoint import checkpoint_path
-from grainsdem.dynamics.engine.mujoco_engine import MujocoEngine
 from grainsdem.dynamics.engine.relief import (
     LEAST_WEIGHT,
     LIFTING,
@@ -91,7 +90,7 @@ def refined(monkeypatch):
 
     begun, refine_as_ever = [], settling.SettleLoop.refine
     monkeypatch.setattr(settling.SettleLoop, "refine", refine)
-    monkeypatch.setattr(MujocoEngine, "deepest_rest", 0.0)
+    monkeypatch.setattr(settling, "REST_OVERLAP", 0.0)
     monkeypatch.setattr(settling, "REFINEMENTS", 1)
     return begun
 

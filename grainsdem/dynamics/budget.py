@@ -29,9 +29,6 @@ _STEP_TIME = 3e-5
 _COMPILE_TIME = 2e-6
 """Time [s] of compiling, for each pair of grains."""
 
-_BOX3D = (30 << 10, 1.2e-5, 5e-4)
-"""Memory [bytes] a grain, time [s] of a step for each grain, and time [s] of its start, where Box3D moves it."""
-
 SETTLING_TIME = 25.0
 """Time [√(d/g)] that a bed needs to come to rest once all grains have landed."""
 
@@ -68,7 +65,7 @@ class Budget:
         return f"{memory} and {_duration(self.compile_time + self.run_time)} on one core" if self.run_time else memory
 
 
-def estimate(n_grains: int, *, duration: float, time_step: float = 0.01, engine: str = "mujoco") -> Budget:
+def estimate(n_grains: int, *, duration: float, time_step: float = 0.01) -> Budget:
     """Return what a run will take.
 
     Parameters
@@ -79,25 +76,17 @@ def estimate(n_grains: int, *, duration: float, time_step: float = 0.01, engine:
         Time [√(d/g)] that is simulated.
     time_step : float
         Time step [√(d/g)].
-    engine : str
-        What moves the grains.
 
     Examples
     --------
     >>> print(estimate(10_000, duration=40.0))
     10000 grains: about 1.8 GB and 23 minutes on one core
     """
-    n_steps = duration / time_step
-    if engine == "box3d":
-        memory, a_step, a_start = _BOX3D
-        return Budget(
-            n_grains, float(_BASE_MEMORY + memory * n_grains), a_start * n_grains, a_step * n_grains * n_steps
-        )
     return Budget(
         n_grains,
         float(_BASE_MEMORY + _GRAIN_MEMORY * n_grains),
         _COMPILE_TIME * n_grains**2,
-        _STEP_TIME * n_grains * n_steps,
+        _STEP_TIME * n_grains * duration / time_step,
     )
 
 
@@ -109,12 +98,7 @@ def refuse_memory(budget: Budget, *, memory: float | None = None) -> None:
 
 
 def settling_budget(
-    packing: Packing,
-    *,
-    time_step: float = 0.01,
-    max_time: float = 200.0,
-    speed: float | None = None,
-    engine: str = "mujoco",
+    packing: Packing, *, time_step: float = 0.01, max_time: float = 200.0, speed: float | None = None
 ) -> Budget:
     """Return what settling will take, from where the grains are at its start; rain comes down at a speed [√(g d)]."""
     up = 1 if packing.domain.is_planar else 2
@@ -125,7 +109,7 @@ def settling_budget(
     else:
         highest = float(packing.positions[:, up].max(initial=0.0) - packing.domain.lower[up]) / scale
         duration = min(SETTLING_TIME, max_time) + highest / speed
-    return estimate(len(packing), duration=duration, time_step=time_step, engine=engine)
+    return estimate(len(packing), duration=duration, time_step=time_step)
 
 
 def allow(budget: Budget, *, max_hours: float, memory: float | None = None) -> None:

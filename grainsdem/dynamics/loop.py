@@ -192,10 +192,6 @@ class Loop:
         if self.record.path is None:
             return
         path = Path(self.record.path)
-        if self.record.resume and not self.scene.engine.resumes_exactly:
-            raise InputError(
-                f"{self.scene.engine.name} cannot go on from a checkpoint to the bit, so it does not; engine='mujoco' can"
-            )
         if self.record.resume and checkpoint_path(path).exists():
             found = load_checkpoint(checkpoint_path(path), self._identity())
             kind = type(self.samples[0])

@@ -15,6 +15,7 @@ from exporters import mjcf
 from exporters.rest import Rest, frictions, mixing, resting, restitution, rolling_friction
 from grainsdem.dynamics.budget import estimate, refuse_memory
 from grainsdem.dynamics.engine import Apparatus, load
+from grainsdem.dynamics.engine.lockstep import joined
 from grainsdem.dynamics.starting import sphere_radii
 from grainsdem.errors import InputError
 from grainsdem.geometry.integrals import volumes
@@ -185,13 +186,11 @@ def equip(packing: Packing, options: MjcfOptions, *, are_spheres: bool = False) 
     return apparatus
 
 
-def scene_of(
-    packing: Packing, text: str, gravity: float, *, are_spheres: bool = False, engine: str = "mujoco"
-) -> Scene:
+def scene_of(packing: Packing, text: str, gravity: float, *, are_spheres: bool = False) -> Scene:
     """Return the scene of a text made from a packing, in which ``gravity`` [m/s²] is one."""
-    refuse_memory(estimate(len(packing), duration=0.0, engine=engine))
+    refuse_memory(estimate(len(packing), duration=0.0))
     fingerprint = hashlib.sha256(text.encode()).hexdigest()
-    return Scene(packing, mjcf.units(packing, gravity), load(text, engine), fingerprint, are_spheres)
+    return Scene(packing, mjcf.units(packing, gravity), joined(load(text)), fingerprint, are_spheres)
 
 
 def refuse_periodic(packing: Packing) -> None:

@@ -14,7 +14,6 @@ from exporters.mjcf import MjcfOptions
 from exporters.rest import frictions
 from grainsdem.described import described
 from grainsdem.dynamics.budget import allow, settling_budget
-from grainsdem.dynamics.engine import EngineName, choose_engine
 from grainsdem.dynamics.engine.rain import RAIN_SPEED, Rain
 from grainsdem.dynamics.engine.relief import LEAST_WEIGHT, UNLOADING, are_walls_smooth, weight_share
 from grainsdem.dynamics.experiments.shared import (
@@ -50,6 +49,10 @@ REST_FORCE = 0.1
 
 REST_SAMPLES = 5
 """How many samples in a row must be at rest."""
+
+REST_OVERLAP = 5e-4
+"""Deepest overlap of a bed at rest [d]. It falls with the square of the time step, so a bed that rests on deeper ones
+goes on with half the step."""
 
 REFINEMENTS = 3
 """How often the time step is halved to make the overlaps shallower."""
@@ -131,7 +134,6 @@ def settle(
             gt=0,
         ),
     ] = 0.01,
-    engine: EngineName = "mujoco",
     max_time: Annotated[float, option("Time limit, from when the last grain is let go.", "√(d/g)", gt=0)] = 200.0,
     max_hours: Annotated[float, Note(*NOTES["max_hours"])] = 24.0,
     history_path: Annotated[str | os.PathLike[str] | None, Note(*NOTES["history_path"])] = None,
@@ -180,13 +182,11 @@ def settle(
         packing, start=start, spheres=spheres, density=density, friction=own, drop_height=drop_height, rng=rng
     )
     speed = RAIN_SPEED if start == "rain" else None
-    chosen = choose_engine(engine, len(first))
-    budget = settling_budget(first, time_step=time_step, max_time=max_time, speed=speed, engine=chosen)
-    allow(budget, max_hours=max_hours)
+    allow(settling_budget(first, time_step=time_step, max_time=max_time, speed=speed), max_hours=max_hours)
     apparatus = equip(first, options, are_spheres=spheres)
     if direction is not None:
         apparatus.set_gravity(downward(direction, is_planar=packing.domain.is_planar))
-    scene = scene_of(first, apparatus.text(), gravity, are_spheres=spheres, engine=chosen)
+    scene = scene_of(first, apparatus.text(), gravity, are_spheres=spheres)
     refuse_overlap(scene)
     record = Record(history_path, resume, {"max_time": max_time, "drop_height": drop_height})
     run = SettleLoop(scene, record, progress, max_time)
@@ -198,7 +198,7 @@ def settle(
         "settle", start=start, spheres=spheres, friction=number, wall_friction=options.wall_friction, mixing=mixing,
         rolling_friction=rolling_friction, restitution=restitution, gravity=gravity,
         direction=None if direction is None else scene.engine.gravity.tolist(), time_step=time_step,
-        drop_height=run.drop_height(), at_rest=run.at_rest, engine=scene.engine.name,
+        drop_height=run.drop_height(), at_rest=run.at_rest,
         **scene.rest(options),
     )  # fmt: skip
     return Settled(settled, run.history(), _report(run), contact_graph(snapshot(scene)))
@@ -269,7 +269,7 @@ class SettleLoop(Loop):
             self._is_calm = True
             self.scene.engine.set_drag(CALM_DRAG)
         if self._rests():
-            self.at_rest = now.overlap_max <= self.scene.engine.deepest_rest or self.refinements == REFINEMENTS
+            self.at_rest = now.overlap_max <= REST_OVERLAP or self.refinements == REFINEMENTS
             if not self.at_rest:
                 self.refine()
 

@@ -76,11 +76,6 @@ class Engine(Protocol):
 
     name: str
     """Engine and version: states pass between engines of the same name only."""
-    deepest_rest: float
-    """Deepest overlap [d] of a bed at rest. Where overlaps fall with the time step, one that rests on deeper ones goes
-    on with a smaller step."""
-    resumes_exactly: bool
-    """Whether a run that goes on from a state of `state` has the bits of one that was not interrupted."""
     n_grains: int
     parts: tuple[str, ...]
     """Names of the parts of the apparatus that grains can touch."""

@@ -74,9 +74,6 @@ class MujocoEngine:
         The compiled model.
     """
 
-    deepest_rest = 5e-4  # overlaps fall with the square of the time step
-    resumes_exactly = True
-
     def __init__(self, model: Any) -> None:
         import mujoco
 
