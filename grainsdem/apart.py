@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     Arrays = Mapping[str, NDArray[Any]]
 
-PATIENCE = 10.0
+PATIENCE = 8.0
 """Time [s] of a processor that reading any file may take."""
 
 PACE = 5e5
@@ -61,14 +61,14 @@ def read_apart(function: Callable[[Path], Arrays], path: Path) -> Arrays:
         # A clock besides, for what waits without end; it allows for a machine that has much else to do.
         done = subprocess.run(
             check=False,
-            timeout=6 * seconds,
+            timeout=2 * seconds,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             **command,
         )
     except subprocess.TimeoutExpired as error:
-        raise FileFormatError(f"{path}: damaged: reading it does not end within {6 * seconds:.0f} s") from error
+        raise FileFormatError(f"{path}: damaged: reading it does not end within {2 * seconds:.0f} s") from error
     answer: bytes = done.stdout
     if answer.startswith(_READ):
         with np.load(io.BytesIO(answer[1:]), allow_pickle=False) as arrays:

@@ -18,18 +18,22 @@ if TYPE_CHECKING:
 _MOST = 10_000
 """Objects of a file that are looked at: ours have some thirty."""
 
+_VERSION, _FLAGS, _IS_WRITTEN = 8, 11, b"\x05"
+"""Of HDF5's superblock: the bytes that say its version, and that it is being written while others may look on."""
+
 _SHUN = (RuntimeError, KeyError, ValueError, TypeError, AttributeError, OverflowError, OSError)
 """What is raised in order, and will be again where it matters."""
 
 
 def opened(path: Path) -> h5py.File:
-    """Open for reading; a file whose writer is alive or was killed opens only as one that is being written."""
-    try:
-        return h5py.File(path, "r")
-    except OSError as error:
-        if "truncated" in str(error):
-            raise
-        return h5py.File(path, "r", swmr=True)
+    """Open for reading; a file whose writer is alive or was killed opens only as one that is being written.
+
+    None but such a one is opened so: at a checksum that is wrong HDF5 then waits for the writer to mend it.
+    """
+    with path.open("rb") as file:
+        head = file.read(_FLAGS + 1)
+    is_written = head[_VERSION : _VERSION + 1] == b"\x03" and head[_FLAGS:] == _IS_WRITTEN
+    return h5py.File(path, "r", swmr=is_written)
 
 
 def read_all(path: Path) -> dict[str, NDArray[Any]]:
