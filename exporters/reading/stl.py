@@ -9,7 +9,7 @@ import numpy as np
 from exporters.meshes.stl import RECORD, TABLE
 from exporters.reading.pieces import connected, places, tell, within
 from exporters.reading.rebuild import from_soup, unit_of
-from grainsdem.errors import FileFormatError
+from grainsdem.errors import FileFormatError, shown
 from grainsdem.ragged import owners
 
 if TYPE_CHECKING:
@@ -74,11 +74,17 @@ def _from_text(path: Path, text: str) -> tuple[NDArray[np.float32], NDArray[np.i
             try:
                 points.append((float(words[1]), float(words[2]), float(words[3])))
             except (ValueError, IndexError) as error:
-                raise FileFormatError(f"{path}, line {number}: a vertex has three numbers; got {words[1:]}") from error
+                raise FileFormatError(
+                    f"{path}, line {number}: a vertex has three numbers; got {shown(words[1:])}"
+                ) from error
         elif word == "endfacet":
+            if not names:
+                raise FileFormatError(f"{path}, line {number}: a facet before the first solid")
             solid_of.append(len(names) - 1)
             if len(points) != 3 * len(solid_of):
                 raise FileFormatError(f"{path}, line {number}: a facet has three vertices")
+    if len(points) != 3 * len(solid_of):
+        raise FileFormatError(f"{path}: ends within a facet: it has {len(points)} vertices, and {len(solid_of)} facets")
     with np.errstate(over="ignore"):  # beyond single precision it is infinite, which validation names
         corners = np.array(points, dtype=np.float64).astype(np.float32).reshape(len(solid_of), 3, 3)
     used, dense = np.unique(np.array(solid_of, dtype=np.int64), return_inverse=True)
@@ -89,7 +95,7 @@ def _from_table(table: Path, n_triangles: int) -> NDArray[np.int64]:
     """Return the grain of each triangle as the side table says."""
     try:
         _, first, counts = np.loadtxt(table, delimiter=",", skiprows=1, dtype=np.int64, ndmin=2).T
-    except ValueError as error:
+    except (ValueError, OverflowError) as error:
         raise FileFormatError(f"{table}: not a table of grain, first triangle, number of triangles") from error
     offsets = np.append(first, n_triangles)
     if first[0] != 0 or (counts < 1).any() or (np.diff(offsets) != counts).any():

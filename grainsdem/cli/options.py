@@ -6,7 +6,6 @@ import functools
 import json
 import logging
 import sys
-import tomllib
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -15,7 +14,8 @@ import typer
 from rich.console import Console
 
 import grainsdem
-from grainsdem.errors import GrainsDEMError, InputError, RefusedError, ValidationError, printable
+from grainsdem.errors import FileFormatError, GrainsDEMError, InputError, RefusedError, ValidationError, printable
+from grainsdem.foreign import toml
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -152,8 +152,8 @@ def keyed(items: list[str]) -> dict[str, Any]:
         if not (key and equals):
             raise InputError(f"an option is written as key=value; got {item!r}")
         try:
-            found[key] = tomllib.loads(f"value = {value}")["value"]
-        except tomllib.TOMLDecodeError:
+            found[key] = toml(f"value = {value}")["value"]
+        except FileFormatError:
             found[key] = value
     return found
 

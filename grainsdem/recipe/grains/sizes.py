@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from grainsdem.errors import FileFormatError, InputError, MissingFileError
+from grainsdem.foreign import array_of, refusing
 from grainsdem.measures.distributions.fits import FAMILIES
 from grainsdem.measures.distributions.hyperbolic import LogHyperbolic
 from grainsdem.measures.distributions.normal import LogNormal, Normal
@@ -163,13 +164,11 @@ def _read(path: Path) -> Floats:
         raise FileFormatError(f"{path}: sizes are read from {', '.join(SUFFIXES)}; got {path.suffix or 'no suffix'!r}")
     if not path.is_file():
         raise MissingFileError(f"{path}: no such file")
-    try:
+    with refusing(path, "not a list of numbers"):
         if path.suffix.lower() == ".npy":
-            values = np.asarray(np.load(path, allow_pickle=False), dtype=np.float64)
+            values = np.asarray(array_of(path), dtype=np.float64)
         else:
             values = text.listed(path.read_bytes())
-    except (OSError, ValueError, EOFError) as error:
-        raise FileFormatError(f"{path}: not a list of numbers: {error}") from error
     if values.ndim != 1 or values.size == 0:
         raise FileFormatError(f"{path}: sizes are one list of one number or more; got shape {values.shape}")
     return values

@@ -1,0 +1,512 @@
+"""Damaged files for every reader: valid ones of each format, changed at random, read until something goes wrong.
+
+``python tests/fuzzing_files.py --minutes N [--seed S] [formats]`` prints what went wrong and how many files were read a
+second; what makes a reader fail is saved. A reader may give a result, or an error of ours in one line. Each format runs
+in a process of its own: the file at which one ends is known, and the rest goes on after it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import json
+import os
+import random
+import re
+import select
+import signal
+import struct
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+import h5py
+import numpy as np
+from fuzzing import PATIENCE, outcome
+
+import exporters
+import grainsdem as gd
+from exporters.reading.stages import arrays as read_stage
+from exporters.openfoam.flow import flow
+from grainsdem import apart, storage
+from grainsdem.dynamics.checkpoint import load_checkpoint
+from grainsdem.dynamics.experiments.parts.joined.driving import table_driver
+from grainsdem.dynamics.experiments.parts.joined.fragment import read_fragment
+from grainsdem.dynamics.experiments.parts.meshes import read_hulls
+from grainsdem.recipe.grains.sizes import _read as read_sizes
+from grainsdem.storage.seals import seal
+
+NUMBERS = (
+    "nan", "inf", "-inf", "0", "-1", "-0.0", "1e308", "-1e308", "1e-308", "1e400", "9223372036854775808", "4294967296",
+    "2147483648", "-2147483649", "0x10", "1_0", "1,5", "1.5.2", "", "--1", "1e", "٣", "9" * 4301, "true", "null",
+)  # fmt: skip
+"""What stands for a number in a text."""
+
+WORDS = (*NUMBERS, "abc", "/", "../../etc/passwd", "\0", "\x1b[2J", "[/bold]", "[[", "}", '"', "<", "&lt;", "%", "é")
+"""What stands for a word."""
+
+MOST = 1_000_000
+"""Bytes of a file that is not made longer."""
+
+PATTERNS = (
+    b"\0" * 4,
+    b"\xff" * 4,
+    b"\xff" * 8,
+    struct.pack("<f", np.nan),
+    struct.pack("<d", 1e308),
+    b"\x7f\xff\xff\xff",
+)
+"""What is written over bytes."""
+
+NUMBER = re.compile(r"[+-]?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?")
+
+
+class Format(NamedTuple):
+    """A kind of file: what valid ones hold, what reads them, and whether that is shielded from crashes by its caller."""
+
+    suffix: str
+    seeds: list[bytes]
+    read: object
+    is_text: bool = False
+    is_apart: bool = False
+    change: object = None
+
+
+def judged(read):
+    """Return a reader of packings after which the packing is validated, as whoever reads a file does."""
+
+    def whole(path):
+        packing = read(path)
+        gd.validate(packing)
+        return packing
+
+    return whole
+
+
+def written(folder, name, make):
+    """Return the bytes of the file that a function makes."""
+    path = Path(folder) / name
+    make(path)
+    return path.read_bytes()
+
+
+def change_h5(rng, content, path):
+    """Change a dataset or an attribute of a sealed file, and seal it again: HDF5 itself finds it sound."""
+    path.write_bytes(content)
+    with h5py.File(path, "r+") as file:
+        names = []
+        file.visit(names.append)
+        one = file[rng.choice(names)] if rng.random() < 0.8 else file
+        if isinstance(one, h5py.Dataset):
+            change_dataset(rng, file, one)
+        elif one.attrs and rng.random() < 0.8:
+            change_attribute(rng, one)
+        elif one.name != "/":
+            del file[one.name]
+    seal(path)
+    return path.read_bytes()
+
+
+def change_dataset(rng, file, one):
+    """Change what one dataset holds."""
+    name, values = one.name, one[()]
+    kind = rng.randrange(7)
+    if kind == 0 and values.size and values.dtype.names is None:
+        flat = values.reshape(-1).copy()
+        with np.errstate(all="ignore"):
+            worse = rng.choice([0, -1, 1, np.nan, np.inf, 1e308, -1e308, 2**31 - 1, -(2**31), 127, 2**62, 1e-308])
+            flat[rng.randrange(flat.size)] = np.array(worse, dtype=np.float64).astype(flat.dtype)
+        one[...] = flat.reshape(values.shape)
+        return
+    del file[name]
+    if kind == 1:
+        file.create_dataset(name, (10 ** rng.randrange(3, 12), *values.shape[1:]), values.dtype, chunks=True)
+    elif kind == 2 and values.dtype.names is None:
+        with np.errstate(all="ignore"):
+            values = values.astype(rng.choice(["f4", "i8", "u8", "i1", "c16", "f2", "S3", "?", ">f8"]))
+        file[name] = values
+    elif kind == 3:
+        file[name] = values.reshape(-1) if values.ndim > 1 else values[..., None]
+    elif kind == 4:
+        file[name] = values[: rng.randrange(len(values) + 1)] if values.ndim else values
+    elif kind == 5:
+        file[name] = rng.choice(["text", b"bytes", 1.0, np.float64(np.nan), 2**62])
+    else:
+        file[name] = rng.choice([h5py.SoftLink("/positions"), h5py.SoftLink(name), h5py.ExternalLink("x.h5", "/")])
+
+
+def change_attribute(rng, one):
+    """Change one attribute of an object."""
+    name = rng.choice(list(one.attrs))
+    texts = (
+        "",
+        "[1, 2]",
+        '["x"]',
+        '["{"]',
+        '["{}"]',
+        "[null]",
+        '["{\\"step\\":\\"[/bold]\\"}"]',
+        "[" * 9999,
+        "{}",
+        "é\n",
+    )
+    value = rng.choice([*texts, 1, 2**62, np.nan, np.arange(3), b"\xff\xfe", "2.0", None, np.zeros((0, 2)), ["a", "b"]])
+    del one.attrs[name]
+    if value is not None:
+        one.attrs[name] = value
+
+
+def images(folder, suffix):
+    """Return small images as Pillow writes them."""
+    from PIL import Image
+
+    greys = np.arange(64, dtype=np.uint8).reshape(8, 8) * 4
+    colours = np.dstack([greys, greys.T, greys])
+    kinds = [Image.fromarray(greys), Image.fromarray(colours)]
+    if suffix == ".png":
+        kinds += [Image.fromarray(greys.astype(np.uint16) * 257), Image.fromarray(colours).convert("P")]
+    if suffix == ".tif":
+        kinds += [Image.fromarray(greys.astype(np.float32)), Image.fromarray(greys.astype(np.int32))]
+    return [written(folder, f"image{suffix}", one.save) for one in kinds]
+
+
+def flow_case(folder):
+    """Return the description of a case for OpenFOAM, and what reads it."""
+    place = Path(folder) / "case"
+    case = {
+        "axis": "z", "lower": [0, 0, 0], "upper": [1e-3, 1e-3, 1e-3], "volume": 1e-9, "viscosity": 1e-6,
+        "kinematic_pressure_drop": 1e-3, "mean_diameter": 1e-4, "porosity": 0.4,
+    }  # fmt: skip
+    rates = place / "postProcessing" / "flowRate" / "0" / "surfaceFieldValue.dat"
+    rates.parent.mkdir(parents=True)
+    rates.write_text("# time sum\n1 1e-9\n2 1.1e-9\n")
+
+    def read(path):
+        (place / "case.json").write_bytes(path.read_bytes())
+        return flow(place)
+
+    return Format(".json", [json.dumps(case).encode()], read, is_text=True)
+
+
+RECIPE = b"""name = "bed"
+[domain]
+side = 3e-3
+[seeds]
+process = "poisson"
+relax = 2
+[grains]
+porosity = 0.4
+keep = "all"
+sizes = {law = "lognorm", parameters = {s = 0.3, scale = 1e-3}, tolerance = 0.05}
+throats = {fraction = 0.3}
+"""
+
+PART = b"""<mujoco><worldbody><body name="arm" pos="0 0 0.01"><joint name="turn" type="hinge" axis="0 0 1"/>
+<geom name="blade" type="box" size="0.01 0.002 0.003" density="7800"/></body></worldbody></mujoco>
+"""
+
+
+def formats(folder):
+    """Return every format by its name, with valid files that are made in a folder."""
+    domain = gd.Domain.cube(3e-3)
+    points = gd.points.poisson(domain, 12, rng=1)
+    packing = gd.shrink(gd.carve(gd.tessellate(points, domain), keep="all"), porosity=0.4)
+
+    def history(path):
+        with storage.HistoryWriter(path, {"time": "s", "energy": "J"}, n_grains=2) as one:
+            for k in range(20):
+                one.append(time=k, energy=k**2)
+                one.append_frame(k, positions=np.ones((2, 3)), quaternions=np.ones((2, 4)))
+
+    def export(suffix, **options):
+        return written(folder, f"bed{suffix}", lambda path: exporters.write(packing, path, overwrite=True, **options))
+
+    def saved(name, save, values):
+        return written(folder, name, lambda path: save(path, values))
+
+    bed = written(folder, "bed.h5", lambda path: gd.save(packing, path))
+    run = written(folder, "run.h5", history)
+    seal_length = len(bed) - bed.rindex(b"\ngrainsdem sha256")
+    ascii_stl = ascii_of(packing)
+    read_history = lambda path: (storage.load_history(path), storage.load_surroundings(path))  # noqa: E731
+    table = written(folder, "seeds.csv", lambda path: gd.points.write(points, path))
+    stl, obj = export(".stl"), export(".obj")
+    spoken = io.BytesIO()
+    np.savez(
+        spoken,
+        state=np.ones(3),
+        samples=np.ones(2),
+        words=np.array('{"version": 3, "memory": {}, "identity": {}, "n_frames": 0}'),
+    )
+    found = {
+        "h5-bytes": Format(".h5", [bed], judged(gd.load)),
+        "h5-content": Format(".h5", [bed], judged(gd.load), change=change_h5),
+        "h5-unsealed": Format(".h5", [bed[:-seal_length]], judged(gd.load)),
+        "history-content": Format(".h5", [run], read_history, change=change_h5),
+        "history-unsealed": Format(".h5", [run[:-seal_length]], read_history),
+        "mjcf": Format(".xml", [export(".xml")], judged(exporters.read), is_text=True),
+        "usda": Format(".usda", [export(".usda")], judged(exporters.read), is_text=True),
+        "usdc": Format(".usdc", [export(".usdc")], judged(exporters.read)),
+        "usda-inside": Format(".usda", [export(".usda")], read_stage, is_text=True, is_apart=True),
+        "usdc-inside": Format(".usdc", [export(".usdc")], read_stage, is_apart=True),
+        "usdz": Format(".usdz", [export(".usdz")], judged(exporters.read)),
+        "stl": Format(".stl", [stl], judged(exporters.read)),
+        "stl-text": Format(".stl", [ascii_stl], judged(exporters.read), is_text=True),
+        "obj": Format(".obj", [obj], judged(exporters.read), is_text=True),
+        "scan-stl": Format(".stl", [stl, ascii_stl], gd.shapes.read),
+        "scan-obj": Format(".obj", [obj], gd.shapes.read, is_text=True),
+        "scan-ply": Format(".ply", plys(), gd.shapes.read),
+        "scan-ply-text": Format(".ply", plys(text=True), gd.shapes.read, is_text=True),
+        "hulls-stl": Format(".stl", [stl, ascii_stl], read_hulls),
+        "hulls-obj": Format(".obj", [obj], read_hulls, is_text=True),
+        "points-csv": Format(
+            ".csv", [table, b"id;x;y;z\n1;0,1;0,2;0,3\n2;0,4;0,5;0,6\n"], gd.points.read, is_text=True
+        ),
+        "points-xyz": Format(".xyz", [b"2\natoms\nH 0 0 1\nH 1 0 0.5\n"], gd.points.read, is_text=True),
+        "points-npy": Format(".npy", [saved("a.npy", np.save, points)], gd.points.read),
+        "points-npz": Format(".npz", [saved("a.npz", np.savez_compressed, points)], gd.points.read),
+        "density-npy": Format(".npy", [saved("d.npy", np.save, np.ones((4, 4, 4)))], gd.points.read_density),
+        "sizes": Format(".txt", [b"1e-3\n2e-3\n1.5e-3\n"], read_sizes, is_text=True),
+        "sizes-npy": Format(".npy", [saved("s.npy", np.save, np.ones(9))], read_sizes),
+        "sieves": Format(
+            ".csv",
+            [b"sieve (mm),passing (%)\n4,100\n2,80\n1,30\n0.5,5\n", b"size;retained\nNo. 40;12.5\nNo. 60;30\npan;3\n"],
+            gd.read_sieves,
+            is_text=True,
+        ),
+        "png": Format(".png", images(folder, ".png"), gd.points.image_density),
+        "jpg": Format(".jpg", images(folder, ".jpg"), gd.points.image_density),
+        "tif": Format(".tif", images(folder, ".tif"), gd.points.image_density),
+        "recipe": Format(".toml", [RECIPE], gd.recipe.read, is_text=True),
+        "survey": Format(
+            ".toml",
+            [RECIPE + b'[survey]\nrepeats = 2\nvary = {"grains.porosity" = [0.4, 0.5]}\n'],
+            lambda path: gd.survey.read(path).jobs(),
+            is_text=True,
+        ),  # fmt: skip
+        "survey-table": Format(".csv", [b"case,porosity,name\n0,0.4,a\n1,0.5,b\n"], gd.survey.load, is_text=True),
+        "checkpoint": Format(".npz", [spoken.getvalue()], lambda path: load_checkpoint(path, {})),
+        "drive": Format(
+            ".csv", [b"time,turn:speed\n0,0\n1,2.5\n"], lambda p: table_driver(str(p), "speed"), is_text=True
+        ),
+        "part": Format(".xml", [PART], lambda path: read_fragment(str(path)), is_text=True),
+        "flow": flow_case(folder),
+    }
+    return found
+
+
+def ascii_of(packing):
+    """Return a packing as an ASCII STL file."""
+    lines = []
+    corners, faces = packing.grains.vertices_of(0) + packing.positions[0], packing.grains.faces_of(0)
+    for face in faces:
+        for b, c in zip(face[1:], face[2:], strict=False):
+            points = "".join(f"      vertex {x:.9g} {y:.9g} {z:.9g}\n" for x, y, z in corners[[face[0], b, c]])
+            lines.append(f"  facet normal 0 0 0\n    outer loop\n{points}    endloop\n  endfacet\n")
+    return f"solid g0 unit 0.001 m\n{''.join(lines)}endsolid g0\n".encode()
+
+
+def plys(*, text=False):
+    """Return a tetrahedron as PLY."""
+    head = (
+        "ply\nformat {}\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
+        "element face 4\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype="<f4") * np.float32(1e-3)
+    faces = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
+    if text:
+        body = "".join(f"{x} {y} {z}\n" for x, y, z in points) + "".join(f"3 {a} {b} {c}\n" for a, b, c in faces)
+        return [(head.format("ascii 1.0") + body).encode()]
+    return [head.format("binary_little_endian 1.0").encode() + points.tobytes() + b"".join(
+        struct.pack("<B3i", 3, *face) for face in faces
+    )]  # fmt: skip
+
+
+def changed(kind, rng, path):
+    """Write a changed file of a format to a path."""
+    content = rng.choice(kind.seeds)
+    if kind.change is not None:
+        kind.change(rng, content, path)
+        return
+    for _ in range(rng.choice((1, 1, 1, 2, 4))):
+        if len(content) > MOST:
+            break
+        content = (change_text if kind.is_text and rng.random() < 0.8 else change_bytes)(rng, content)
+    path.write_bytes(content)
+
+
+def change_bytes(rng, content):
+    """Return bytes of which some are turned, written over, cut out, doubled or cut off."""
+    data = bytearray(content)
+    # The head decides most; half of all changes are there.
+    place = rng.randrange(min(len(data), 256) if rng.random() < 0.5 else len(data)) if data else 0
+    length = rng.choice((1, 2, 4, 8, 64, 1000))
+    kind = rng.randrange(6)
+    if kind == 0 and data:
+        data[place] ^= 1 << rng.randrange(8)
+    elif kind == 1:
+        data[place : place + 4] = rng.choice(PATTERNS)
+    elif kind == 2:
+        del data[place : place + length]
+    elif kind == 3:
+        data[place:place] = data[place : place + length]
+    elif kind == 4:
+        del data[place:]
+    else:
+        data[place : place + length] = rng.randbytes(length)
+    return bytes(data)
+
+
+def change_text(rng, content):
+    """Return a text of which a number, a word or a line is another."""
+    text = content.decode("utf-8", "surrogateescape")
+    kind = rng.randrange(6)
+    if kind <= 1:
+        found = list(NUMBER.finditer(text))
+        if found:
+            one = rng.choice(found)
+            text = text[: one.start()] + rng.choice(NUMBERS) + text[one.end() :]
+    elif kind == 2:
+        words = list(re.finditer(r"[^\s,;=\"<>]+", text))
+        if words:
+            one = rng.choice(words)
+            text = text[: one.start()] + rng.choice(WORDS) * rng.choice((1, 1, 1, 2000)) + text[one.end() :]
+    else:
+        lines = text.split("\n")
+        place = rng.randrange(len(lines))
+        if kind == 3:
+            del lines[place]
+        elif kind == 4:
+            lines[place:place] = [lines[place]] * rng.choice((1, 2, 1000))
+        else:
+            lines[place] = lines[place][: rng.randrange(len(lines[place]) + 1)]
+        text = "\n".join(lines)
+    return text.encode("utf-8", "surrogateescape")
+
+
+def rng_of(name, seed, number):
+    """Return the source of one file's changes."""
+    return random.Random(f"{name} {seed} {number}")
+
+
+def serve(name, kind, seed, first, last, deadline, folder, answers):
+    """Read files of one format, and tell of each before and after."""
+    noise = os.open(folder / "noise", os.O_CREAT | os.O_RDWR | os.O_TRUNC)
+    os.dup2(noise, 1)
+    os.dup2(noise, 2)
+    number = first
+    while number < last and time.monotonic() < deadline:
+        path = folder / f"{name}{kind.suffix}"
+        changed(kind, rng_of(name, seed, number), path)
+        os.write(answers, f"{number}\n".encode())
+        begun = time.monotonic()
+        wrong = outcome(lambda: kind.read(path), {})  # noqa: B023  (called at once)
+        seconds = time.monotonic() - begun
+        if seconds > PATIENCE:  # a reader may have taken the alarm for what a file is to blame for
+            wrong = f"took {seconds:.0f} s"
+        size = os.fstat(noise).st_size
+        if size:
+            said = os.pread(noise, 80, 0)
+            os.ftruncate(noise, 0)
+            os.lseek(noise, 0, os.SEEK_SET)
+            wrong = wrong or (None if kind.is_apart else f"printed {size} bytes: {said!r}")
+        if wrong:
+            os.write(answers, f"{number} {json.dumps(wrong)}\n".encode())
+        number += 1
+    os.write(answers, b"end\n")
+
+
+def fuzz(name, kind, *, seed, minutes, most, folder):
+    """Yield the number and the fault of each changed file at which a reader does wrong; return how many were read."""
+    deadline, number = time.monotonic() + 60 * minutes, 0
+    while number < most and time.monotonic() < deadline:
+        source, sink = os.pipe()
+        child = os.fork()
+        if not child:
+            with contextlib.suppress(BaseException):
+                os.close(source)
+                serve(name, kind, seed, number, most, deadline, folder, sink)
+            os._exit(0)
+        os.close(sink)
+        last, ended, faults = number, False, []
+        buffered = b""
+        while True:
+            if not select.select([source], [], [], PATIENCE + 20)[0]:
+                os.kill(child, signal.SIGKILL)
+                break
+            block = os.read(source, 65536)
+            if not block:
+                break
+            *lines, buffered = (buffered + block).split(b"\n")
+            for line in lines:
+                word, _, fault = line.decode().partition(" ")
+                if word == "end":
+                    ended = True
+                    continue
+                last = int(word)
+                if fault:
+                    faults.append((last, json.loads(fault)))
+            yield from faults
+            faults.clear()
+        os.close(source)
+        status = os.waitpid(child, 0)[1]
+        number = last + 1
+        if ended:
+            break
+        if not kind.is_apart:
+            yield last, f"ended the process: {os.WTERMSIG(status) or os.WEXITSTATUS(status)}"
+    return number
+
+
+def tell(name, kind, folder, kept, *, seed, minutes, most=10**9):
+    """Print and save what goes wrong with a format, once for each kind of fault; return the number of files and faults."""
+    known, begun, findings = set(), time.monotonic(), []
+    found = fuzz(name, kind, seed=seed, minutes=minutes, most=most, folder=folder)
+    while True:
+        try:
+            number, fault = next(found)
+        except StopIteration as end:
+            n = end.value
+            break
+        sort = re.sub(r"[\d'\"].*", "", fault)[:60]
+        if sort in known:
+            continue
+        known.add(sort)
+        kept.mkdir(parents=True, exist_ok=True)
+        path = kept / f"{name}-{seed}-{number}{kind.suffix}"
+        changed(kind, rng_of(name, seed, number), path)
+        findings.append((path, fault))
+        print(f"{name} | {path} | {fault}", flush=True)  # noqa: T201
+    seconds = time.monotonic() - begun
+    print(f"{name}: {n} files, {n / seconds:.1f} a second, {len(known)} kinds of faults", flush=True)  # noqa: T201
+    return n, findings
+
+
+def main():
+    """Read changed files of all formats, or of those named."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("formats", nargs="*")
+    parser.add_argument("--minutes", type=float, default=1.0, help="in all")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--kept", type=Path, default=Path("fuzzed"), help="folder for files that make a reader fail")
+    given = parser.parse_args()
+    apart.PATIENCE = 2.0
+    n = faults = 0
+    kept = given.kept.resolve()
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        os.chdir(folder)
+        every = formats(folder)
+        chosen = {name: kind for name, kind in every.items() if not given.formats or name in given.formats}
+        for name, kind in chosen.items():
+            more, findings = tell(name, kind, folder, kept, seed=given.seed, minutes=given.minutes / len(chosen))
+            n, faults = n + more, faults + len(findings)
+    print(f"{n} files, {faults} kinds of faults")  # noqa: T201
+    sys.exit(bool(faults))
+
+
+if __name__ == "__main__":
+    main()
