@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 _COPIES = 4
 """How many times the bytes of an array are taken while it is read and checked."""
 
+_DEPTH = 50
+"""Tables of a TOML file within each other: ours have five."""
+
 _KINDS = {"biuf": "real numbers", "U": "texts"}
 """What arrays of those types hold."""
 
@@ -76,11 +79,18 @@ def toml(text: str) -> dict[str, Any]:
     Numbers of thousands of digits and tables nested a thousand deep are errors of their own to Python.
     """
     try:
-        return tomllib.loads(text)
+        found = tomllib.loads(text)
     except RecursionError as error:
         raise FileFormatError("not TOML that can be read: nested too deep") from error
     except ValueError as error:
         raise FileFormatError(f"not TOML: {said(error)}") from error
+    level: list[Any] = [found]
+    for _ in range(_DEPTH):
+        level = [one for held in level for one in (held.values() if isinstance(held, dict) else held)]
+        level = [one for one in level if isinstance(one, dict | list)]
+        if not level:
+            return found
+    raise FileFormatError(f"not TOML that can be read: tables nested more than {_DEPTH} deep")
 
 
 def json_object(text: str) -> dict[str, Any]:

@@ -20,6 +20,7 @@ import struct
 import sys
 import tempfile
 import time
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -29,8 +30,8 @@ from fuzzing import PATIENCE, outcome
 
 import exporters
 import grainsdem as gd
-from exporters.reading.stages import arrays as read_stage
 from exporters.openfoam.flow import flow
+from exporters.reading.stages import arrays as read_stage
 from grainsdem import apart, storage
 from grainsdem.dynamics.checkpoint import load_checkpoint
 from grainsdem.dynamics.experiments.parts.joined.driving import table_driver
@@ -65,7 +66,7 @@ NUMBER = re.compile(r"[+-]?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?")
 
 
 class Format(NamedTuple):
-    """A kind of file: what valid ones hold, what reads them, and whether that is shielded from crashes by its caller."""
+    """A kind of file: what valid ones hold, what reads them, and whether the reader's caller shields from crashes."""
 
     suffix: str
     seeds: list[bytes]
@@ -241,7 +242,7 @@ def formats(folder):
         samples=np.ones(2),
         words=np.array('{"version": 3, "memory": {}, "identity": {}, "n_frames": 0}'),
     )
-    found = {
+    return {
         "h5-bytes": Format(".h5", [bed], judged(gd.load)),
         "h5-content": Format(".h5", [bed], judged(gd.load), change=change_h5),
         "h5-unsealed": Format(".h5", [bed[:-seal_length]], judged(gd.load)),
@@ -286,7 +287,7 @@ def formats(folder):
             [RECIPE + b'[survey]\nrepeats = 2\nvary = {"grains.porosity" = [0.4, 0.5]}\n'],
             lambda path: gd.survey.read(path).jobs(),
             is_text=True,
-        ),  # fmt: skip
+        ),
         "survey-table": Format(".csv", [b"case,porosity,name\n0,0.4,a\n1,0.5,b\n"], gd.survey.load, is_text=True),
         "checkpoint": Format(".npz", [spoken.getvalue()], lambda path: load_checkpoint(path, {})),
         "drive": Format(
@@ -295,7 +296,6 @@ def formats(folder):
         "part": Format(".xml", [PART], lambda path: read_fragment(str(path)), is_text=True),
         "flow": flow_case(folder),
     }
-    return found
 
 
 def ascii_of(packing):
@@ -303,7 +303,7 @@ def ascii_of(packing):
     lines = []
     corners, faces = packing.grains.vertices_of(0) + packing.positions[0], packing.grains.faces_of(0)
     for face in faces:
-        for b, c in zip(face[1:], face[2:], strict=False):
+        for b, c in pairwise(face[1:]):
             points = "".join(f"      vertex {x:.9g} {y:.9g} {z:.9g}\n" for x, y, z in corners[[face[0], b, c]])
             lines.append(f"  facet normal 0 0 0\n    outer loop\n{points}    endloop\n  endfacet\n")
     return f"solid g0 unit 0.001 m\n{''.join(lines)}endsolid g0\n".encode()
@@ -389,7 +389,7 @@ def change_text(rng, content):
 
 def rng_of(name, seed, number):
     """Return the source of one file's changes."""
-    return random.Random(f"{name} {seed} {number}")
+    return random.Random(f"{name} {seed} {number}")  # noqa: S311  (nothing is kept secret)
 
 
 def serve(name, kind, seed, first, last, deadline, folder, answers):
@@ -462,7 +462,7 @@ def fuzz(name, kind, *, seed, minutes, most, folder):
 
 
 def tell(name, kind, folder, kept, *, seed, minutes, most=10**9):
-    """Print and save what goes wrong with a format, once for each kind of fault; return the number of files and faults."""
+    """Print and save what goes wrong with a format, once for each kind of fault; return how many files, and which."""
     known, begun, findings = set(), time.monotonic(), []
     found = fuzz(name, kind, seed=seed, minutes=minutes, most=most, folder=folder)
     while True:

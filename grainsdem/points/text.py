@@ -116,7 +116,9 @@ def listed(content: bytes) -> Floats:
         raise FileFormatError(
             f"one list of numbers is read, one a line; got {most} columns (in a number the decimals follow a point)"
         )
-    cut = [(line[0], field) for line in lines for field in _split(line[1], separator)]
+    cut = [(line[0], field) for line in lines for field in _split(line[1], separator) if field]
+    if not cut:
+        raise FileFormatError("it holds no number")
     return _numbers(cut, [0], "\t")[:, 0]
 
 

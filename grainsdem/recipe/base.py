@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Fraction = Annotated[float, Field(ge=0, lt=1)]
@@ -15,6 +15,16 @@ class Table(BaseModel):
     """A table of a recipe: unknown keys are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _refuse_truth(cls, value: Any, info: ValidationInfo) -> Any:
+        """Refuse true and false where numbers are meant: pydantic takes them for 1 and 0."""
+        given = value if isinstance(value, list | tuple) else [value]
+        kind = str(cls.model_fields[str(info.field_name)].annotation)
+        if any(isinstance(one, bool) for one in given) and not any(word in kind for word in ("bool", "True", "Any")):
+            raise ValueError(f"a number or a word is needed; got {str(value).lower()}")
+        return value
 
 
 def flat(tables: dict[str, Any], prefix: str = "") -> dict[str, Any]:

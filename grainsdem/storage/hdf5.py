@@ -31,6 +31,12 @@ SCHEMA_VERSION = "1.0"
 RESERVE = 1 << 18
 """Room [bytes] that is kept for what HDF5 writes when it closes a file."""
 
+_SQUEEZED = 1100
+"""How many times more than it is stored as a dataset is at most: what gzip can do."""
+
+_UNWRITTEN = 1 << 28
+"""Bytes of a dataset besides that were not yet written when a run was killed."""
+
 LIBVER = ("v110", "v110")
 """One file format, read by every HDF5 from 1.10 on: bytes repeat, long attributes fit, readers may look on."""
 
@@ -121,6 +127,9 @@ def read_datasets(file: h5py.Group, names: Iterable[str]) -> dict[str, NDArray[A
         If one holds no numbers, lies in another file, or they would take too much memory.
     """
     found = {name: _dataset(file, name) for name in names}
+    for name, data in found.items():
+        if data.size * data.dtype.itemsize > _SQUEEZED * data.id.get_storage_size() + _UNWRITTEN:
+            raise ValueError(f"dataset {name} says that it is of shape {data.shape}, and nearly all of that is missing")
     # As they are stored, as they are checked, and what is made of them.
     allow_memory(sum(data.size * data.dtype.itemsize for data in found.values()), 3, "bytes of its datasets")
     return {name: np.asarray(data[()]) for name, data in found.items()}

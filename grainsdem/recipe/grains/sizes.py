@@ -152,7 +152,9 @@ def _frozen(law: str, parameters: dict[str, float]) -> Any:
     except TypeError as error:
         raise ValueError(f"{law} takes {', '.join(takes)}; got {', '.join(parameters) or 'none'}") from error
     # Outside its parameters' range a distribution of scipy is one of NaNs.
-    if not np.isfinite(found.ppf(0.5)):
+    with np.errstate(all="ignore"):
+        median = found.ppf(0.5)
+    if not np.isfinite(median):
         shown = ", ".join(f"{name} = {value}" for name, value in parameters.items())
         raise ValueError(f"there is no {law} with {shown}")
     return found

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from grainsdem.errors import FileFormatError, InputError, MissingFileError
+from grainsdem.foreign import refusing
+from grainsdem.model.arrays import LONGEST
 
 if TYPE_CHECKING:
     import os
@@ -59,11 +61,13 @@ def _pieces(path: Path) -> list[Any]:
     """Return the connected pieces of a file, as trimesh has them."""
     import trimesh
 
-    try:
-        mesh: Any = trimesh.load(path, force="mesh")
+    with refusing(path, "not a mesh"), np.errstate(all="ignore"):
+        # From a stream: nothing beside it is looked for.
+        with path.open("rb") as stream:
+            mesh: Any = trimesh.load(stream, file_type=path.suffix[1:].lower(), force="mesh")
+        if not (np.abs(mesh.vertices) < LONGEST).all():
+            raise FileFormatError("its vertices must be finite, and within any length")
         pieces = list(mesh.split(only_watertight=False)) if len(mesh.faces) else []
-    except Exception as error:  # whatever a broken file makes trimesh raise
-        raise FileFormatError(f"{path}: not a mesh: {error}") from error
     if not pieces:
         raise FileFormatError(f"{path}: no mesh: there are no faces in it")
     return pieces

@@ -15,7 +15,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from exporters.mjcf.log import quiet
+from exporters.mjcf.log import compiling
 from grainsdem.dynamics.experiments.parts.meshes import HOLLOW
 from grainsdem.errors import FileFormatError, InputError, MissingFileError
 
@@ -123,13 +123,15 @@ def read_fragment(path: str) -> Fragment:
     file = Path(path)
     if not file.is_file():
         raise MissingFileError(f"{file}: no such file")
-    with quiet():
+    with compiling() as told:
         try:
             spec = mujoco.MjSpec.from_file(str(file))
             _make_heavy(spec)
             model = spec.compile()
         except (ValueError, mujoco.FatalError) as error:
             raise FileFormatError(_told(file, str(error))) from error
+    for line in told:
+        LOG.warning("%s: MuJoCo warns of the part: %s", file, line)
     unsupported = [words for count, words in UNSUPPORTED.items() if getattr(model, count, 0)]
     bent = (getattr(model, name, 0) for name in ("jnt_stiffnesspoly", "dof_dampingpoly"))
     if any(np.any(values) for values in bent):
