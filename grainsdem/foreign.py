@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.lib import format as npy
 
-from grainsdem.errors import FileFormatError, GrainsDEMError, MissingFileError, MissingPackageError, shown
+from grainsdem.errors import FileFormatError, GrainsDEMError, MissingFileError, shown
 from grainsdem.memory import allow_memory
 
 if TYPE_CHECKING:
@@ -49,16 +49,12 @@ def refusing(path: Path, what: str) -> Iterator[None]:
     """
     try:
         yield
-    except (FileFormatError, MissingFileError) as error:
-        if str(error).startswith(str(path)):
-            raise
-        raise type(error)(f"{path}: {error}") from error
-    except MissingPackageError:
+    except ImportError:  # a package that is not installed is no fault of the file
         raise
     except GrainsDEMError as error:
-        raise FileFormatError(f"{path}: {error}") from error
-    except ImportError:
-        raise
+        words = " ".join(str(error).splitlines())
+        kind = MissingFileError if isinstance(error, MissingFileError) else FileFormatError
+        raise kind(words if words.startswith(str(path)) else f"{path}: {words}") from error
     except RecursionError as error:
         raise FileFormatError(f"{path}: {what}: nested too deep") from error
     except MemoryError as error:
