@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
@@ -21,10 +21,15 @@ class Table(BaseModel):
     def _refuse_truth(cls, value: Any, info: ValidationInfo) -> Any:
         """Refuse true and false where numbers are meant: pydantic takes them for 1 and 0."""
         given = value if isinstance(value, list | tuple) else [value]
-        kind = str(cls.model_fields[str(info.field_name)].annotation)
-        if any(isinstance(one, bool) for one in given) and not any(word in kind for word in ("bool", "True", "Any")):
-            raise ValueError(f"a number or a word is needed; got {str(value).lower()}")
+        kind = cls.model_fields[str(info.field_name)].annotation
+        if any(isinstance(one, bool) for one in given) and not _takes_truth(kind):
+            raise ValueError("a number or a word is needed")
         return value
+
+
+def _takes_truth(kind: Any) -> bool:
+    """Return whether true is among what a type allows."""
+    return kind in (bool, Any) or kind is True or any(map(_takes_truth, get_args(kind)))
 
 
 def flat(tables: dict[str, Any], prefix: str = "") -> dict[str, Any]:
