@@ -22,14 +22,14 @@ class Table(BaseModel):
         """Refuse true and false where numbers are meant: pydantic takes them for 1 and 0."""
         given = value if isinstance(value, list | tuple) else [value]
         kind = cls.model_fields[str(info.field_name)].annotation
-        if any(isinstance(one, bool) for one in given) and not _takes_truth(kind):
-            raise ValueError("a number or a word is needed")
+        if any(isinstance(one, bool) for one in given) and _takes(kind, int, float) and not _takes(kind, bool, Any):
+            raise ValueError("a number is needed")
         return value
 
 
-def _takes_truth(kind: Any) -> bool:
-    """Return whether true is among what a type allows."""
-    return kind in (bool, Any) or kind is True or any(map(_takes_truth, get_args(kind)))
+def _takes(kind: Any, *wanted: Any) -> bool:
+    """Return whether one of the types wanted is among what a type allows."""
+    return kind in wanted or any(_takes(part, *wanted) for part in get_args(kind))
 
 
 def flat(tables: dict[str, Any], prefix: str = "") -> dict[str, Any]:

@@ -55,7 +55,7 @@ def load(path: Path) -> tuple[Floats, Ints]:
     FileFormatError
         If it cannot be read, holds no faces, or vertices that are not finite.
     """
-    with refusing(path, f"no {path.suffix[1:].upper()} file that can be read"), np.errstate(all="ignore"):
+    with refusing(path, f"not a {path.suffix[1:].upper()} file that can be read"), np.errstate(all="ignore"):
         vertices, triangles = _stl(path) or _by_trimesh(path)
     if not len(triangles):
         raise FileFormatError(f"{path}: holds no faces")

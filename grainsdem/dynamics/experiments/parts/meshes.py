@@ -48,9 +48,12 @@ def read_hulls(path: str | os.PathLike[str]) -> list[Floats]:
         raise FileFormatError(f"{path}: a body's mesh is .stl or .obj; got {path.suffix or 'no suffix'!r}")
     if not path.is_file():
         raise MissingFileError(f"{path}: no such file")
-    pieces = _pieces(path)
-    hulls = [_hull(path, piece) for piece in pieces]
-    hollow = [number for number, (piece, hull) in enumerate(zip(pieces, hulls, strict=True)) if _is_hollow(piece, hull)]
+    # What overflows or is no number is refused by its result.
+    with np.errstate(all="ignore"):
+        pieces = _pieces(path)
+        hulls = [_hull(path, piece) for piece in pieces]
+        parted = enumerate(zip(pieces, hulls, strict=True))
+        hollow = [number for number, (piece, hull) in parted if _is_hollow(piece, hull)]
     if hollow:
         which = "it" if len(pieces) == 1 else f"pieces {', '.join(map(str, hollow))}"
         LOG.warning("%s: not convex; %s collides as the convex hull, with its hollows filled", path, which)
@@ -61,7 +64,7 @@ def _pieces(path: Path) -> list[Any]:
     """Return the connected pieces of a file, as trimesh has them."""
     import trimesh
 
-    with refusing(path, "not a mesh"), np.errstate(all="ignore"):
+    with refusing(path, "not a mesh"):
         # From a stream: nothing beside it is looked for.
         with path.open("rb") as stream:
             mesh: Any = trimesh.load(stream, file_type=path.suffix[1:].lower(), force="mesh")
