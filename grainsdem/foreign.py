@@ -27,7 +27,7 @@ _COPIES = 4
 """How many times the bytes of an array are taken while it is read and checked."""
 
 _DEPTH = 50
-"""Tables of a TOML file within each other: ours have five."""
+"""Tables of a file within each other: ours have five."""
 
 _KINDS = {"biuf": "real numbers", "U": "texts"}
 """What arrays of those types hold."""
@@ -80,13 +80,8 @@ def toml(text: str) -> dict[str, Any]:
         raise FileFormatError("not TOML that can be read: nested too deep") from error
     except ValueError as error:
         raise FileFormatError(f"not TOML: {said(error)}") from error
-    level: list[Any] = [found]
-    for _ in range(_DEPTH):
-        level = [one for held in level for one in (held.values() if isinstance(held, dict) else held)]
-        level = [one for one in level if isinstance(one, dict | list)]
-        if not level:
-            return found
-    raise FileFormatError(f"not TOML that can be read: tables nested more than {_DEPTH} deep")
+    _hold_depth(found, "TOML")
+    return found
 
 
 def json_object(text: str) -> dict[str, Any]:
@@ -99,7 +94,19 @@ def json_object(text: str) -> dict[str, Any]:
         raise FileFormatError(f"not JSON: {said(error)}") from error
     if not isinstance(found, dict):
         raise FileFormatError(f"not a JSON object; got {shown(found)}")
+    _hold_depth(found, "JSON")
     return found
+
+
+def _hold_depth(found: dict[str, Any], language: str) -> None:
+    """Raise `FileFormatError` where tables are nested so deep that going through them has no end."""
+    level: list[Any] = [found]
+    for _ in range(_DEPTH):
+        level = [one for held in level for one in (held.values() if isinstance(held, dict) else held)]
+        level = [one for one in level if isinstance(one, dict | list)]
+        if not level:
+            return
+    raise FileFormatError(f"not {language} that can be read: nested more than {_DEPTH} deep")
 
 
 def array_of(path: Path, name: str | None = None, *, kinds: str = "biuf") -> NDArray[Any]:

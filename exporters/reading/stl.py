@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -94,10 +95,12 @@ def _from_text(path: Path, text: str) -> tuple[NDArray[np.float32], NDArray[np.i
 def _from_table(table: Path, n_triangles: int) -> NDArray[np.int64]:
     """Return the grain of each triangle as the side table says."""
     try:
-        _, first, counts = np.loadtxt(table, delimiter=",", skiprows=1, dtype=np.int64, ndmin=2).T
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of a table without rows
+            _, first, counts = np.loadtxt(table, delimiter=",", skiprows=1, dtype=np.int64, ndmin=2).T
     except (ValueError, OverflowError) as error:
         raise FileFormatError(f"{table}: not a table of grain, first triangle, number of triangles") from error
     offsets = np.append(first, n_triangles)
-    if first[0] != 0 or (counts < 1).any() or (np.diff(offsets) != counts).any():
+    if not first.size or first[0] != 0 or (counts < 1).any() or (np.diff(offsets) != counts).any():
         raise FileFormatError(f"{table}: its grains are not those of the {n_triangles} triangles beside it")
     return owners(offsets)
