@@ -31,6 +31,7 @@ from fuzzing import PATIENCE, outcome
 
 import exporters
 import grainsdem as gd
+from exporters.meshes.stl import RECORD, TABLE
 from exporters.openfoam.flow import flow
 from exporters.reading.stages import arrays as read_stage
 from grainsdem import apart, storage
@@ -99,11 +100,24 @@ def read_case(path):
         return flow(place)
 
 
+def read_beside(path):
+    """Read a tetrahedron in STL with a file as the table of its triangles."""
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype="<f4")
+    records = np.zeros(4, dtype=RECORD)
+    records["corners"] = points[[(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]]
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder) / "bed.stl"
+        place.write_bytes(bytes(80) + struct.pack("<I", 4) + records.tobytes())
+        shutil.copy(path, place.with_name(f"bed{TABLE}"))
+        return exporters.read(place)
+
+
 READ = {
     "packing": judged(gd.load),
     "history": lambda path: (storage.load_history(path), storage.load_surroundings(path)),
     "export": judged(exporters.read),
     "stage": read_stage,
+    "triangles": read_beside,
     "scan": gd.shapes.read,
     "hulls": read_hulls,
     "points": gd.points.read,
@@ -227,6 +241,8 @@ sizes = {law = "lognorm", parameters = {s = 0.3, scale = 1e-3}, tolerance = 0.05
 throats = {fraction = 0.3}
 """
 
+TRIANGLES = b"grain,first_triangle,n_triangles,class\n0,0,4,2\n"
+
 SURVEY = b'[survey]\nrepeats = 2\nvary = {"grains.porosity" = [0.4, 0.5]}\n'
 
 SHEET = b"sieve (mm),passing (%)\n4,100\n2,80\n1,30\n0.5,5\n"
@@ -281,6 +297,7 @@ def formats(folder):
         "usdc-inside": Format(".usdc", [export(".usdc")], "stage", is_apart=True),
         "stl": Format(".stl", [stl], "export"),
         "stl-text": Format(".stl", [ascii_stl], "export", is_text=True),
+        "stl-table": Format(".csv", [TRIANGLES], "triangles", is_text=True),
         "obj": Format(".obj", [obj], "export", is_text=True),
         "scan-stl": Format(".stl", [stl, ascii_stl], "scan"),
         "scan-obj": Format(".obj", [obj], "scan", is_text=True),

@@ -9,7 +9,7 @@ from xml.parsers import expat
 import numpy as np
 
 from exporters.mjcf.log import compiling, quiet
-from exporters.reading.rebuild import Shape, gather, placed, refuse_several
+from exporters.reading.rebuild import Shape, gather, placed, refuse_several, with_classes
 from grainsdem.errors import FileFormatError, shown
 from grainsdem.geometry.rotations import to_matrices
 from grainsdem.memory import allow_memory
@@ -63,7 +63,10 @@ def read(path: Path) -> Packing:
     shapes = gather(path, [_shape(model, geom, length) for geom in geoms])
     corners = [_numeric(model, name) for name in ("domain_lower", "domain_upper")]
     domain = None if any(corner is None for corner in corners) else Domain(*(corner * length for corner in corners))
-    return placed(shapes, data.xpos[bodies] * length, data.xquat[bodies], model.body_mass[bodies] * mass, domain)
+    packing = placed(shapes, data.xpos[bodies] * length, data.xquat[bodies], model.body_mass[bodies] * mass, domain)
+    # In files of others a body's own numbers mean something else.
+    is_ours = _numeric(model, "grain_unit_length") is not None and model.nuser_body == 1
+    return with_classes(packing, model.body_user[bodies, 0]) if is_ours else packing
 
 
 def _refuse_foreign(path: Path) -> None:

@@ -6,12 +6,13 @@ normals and textures say nothing about that.
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from exporters.reading.pieces import connected, open_objects, places, tell, within
-from exporters.reading.rebuild import from_soup, unit_of
+from exporters.reading.rebuild import from_soup, unit_of, with_classes
 from grainsdem.errors import FileFormatError, shown
 from grainsdem.ragged import offsets_from_counts, take_indices
 
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from grainsdem.model import Packing
+
+_CLASS = re.compile(r"class_(\d{1,9})")
 
 IS_LOCAL = False
 ROUNDINGS = 1
@@ -38,6 +41,7 @@ class _Mesh(NamedTuple):
     offsets: NDArray[np.int64]
     objects: NDArray[np.int64]
     names: list[str]
+    classes: NDArray[np.int64]
 
 
 def read(path: Path) -> Packing:
@@ -55,7 +59,9 @@ def read(path: Path) -> Packing:
     rows, offsets = take_indices(mesh.offsets, order)
     head = text.partition("\n")[0]
     length = unit_of(head) if head.startswith("#") else 1.0
-    return from_soup(path, mesh.vertices[mesh.corners[rows]], offsets, grain_of[order], length)
+    packing = from_soup(path, mesh.vertices[mesh.corners[rows]], offsets, grain_of[order], length)
+    _, first = np.unique(grain_of, return_index=True)
+    return with_classes(packing, mesh.classes[first])
 
 
 def _grains(mesh: _Mesh) -> NDArray[np.int64]:
@@ -96,6 +102,7 @@ def _parsed(path: Path, text: str) -> _Mesh:
     lines: list[int] = []
     object_of: list[int] = []
     names = ["before the first"]
+    own, classes = -1, []
     for line, words in _statements(text):
         if words[0] == "v":
             try:
@@ -110,6 +117,10 @@ def _parsed(path: Path, text: str) -> _Mesh:
             counts.append(len(loop))
             lines.append(line)
             object_of.append(len(names) - 1)
+            classes.append(own)
+        elif words[0] == "g":
+            found = _CLASS.fullmatch(" ".join(words[1:]))
+            own = int(found[1]) if found else -1
         elif words[0] == "o":
             names.append(" ".join(words[1:]) or "without a name")
     loops = np.array(corners, dtype=np.int64)
@@ -123,7 +134,8 @@ def _parsed(path: Path, text: str) -> _Mesh:
     with np.errstate(over="ignore"):  # beyond single precision it is infinite, which validation names
         vertices = np.array(points, dtype=np.float64).reshape(-1, 3).astype(np.float32)
     used, dense = np.unique(np.array(object_of, dtype=np.int64), return_inverse=True)
-    return _Mesh(vertices, loops, offsets, dense.ravel(), [names[k] for k in used])
+    told = np.array(classes, dtype=np.int64)
+    return _Mesh(vertices, loops, offsets, dense.ravel(), [names[k] for k in used], told)
 
 
 def _loop(path: Path, line: int, words: list[str], n_before: int) -> list[int]:

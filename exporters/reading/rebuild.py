@@ -19,7 +19,7 @@ from grainsdem.ragged import offsets_from_counts, owners
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
     Floats = NDArray[np.float64]
 
@@ -120,6 +120,13 @@ def from_soup(
     )
     shapes, positions = _about_centroids(shapes, positions)
     return placed(shapes, positions, identity_quaternions(n), QUARTZ_DENSITY * volumes(shapes))
+
+
+def with_classes(packing: Packing, numbers: ArrayLike) -> Packing:
+    """Return a packing whose grains have classes, or as it is where one of the numbers is no class."""
+    told = np.asarray(numbers)
+    is_class = told.size == len(packing) and bool(((told >= 0) & (told == np.floor(told)) & (told < 2**31)).all())
+    return replace(packing, classes=told.astype(np.int32)) if is_class else packing
 
 
 def unit_of(line: str) -> float:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from exporters.reading.rebuild import Shape, gather, refuse_several
+from exporters.usd.scene import CLASS
 from grainsdem.errors import FileFormatError, shown
 from grainsdem.foreign import refusing
 
@@ -38,19 +39,21 @@ def _arrays(path: Path) -> dict[str, NDArray[Any]]:
     found = [(body, prim) for body in bodies for prim in Usd.PrimRange(body) if prim.IsA(UsdGeom.Mesh)]
     refuse_several(path, [str(body.GetPath()) for body, _ in found])
     cache = UsdGeom.XformCache()
-    shapes, poses, masses = [], [], []
+    shapes, poses, masses, classes = [], [], [], []
     for body, mesh in found:
         shapes.append(_shape(UsdGeom.Mesh(mesh), length))
         pose = cache.GetLocalToWorldTransform(body)
         turn = pose.ExtractRotationQuat()
         poses.append([*(x * length for x in pose.ExtractTranslation()), turn.GetReal(), *turn.GetImaginary()])
         masses.append(_mass(UsdPhysics.MassAPI(body)) * unit_mass)
+        classes.append(mesh.GetAttribute(CLASS).Get())
     polyhedra = gather(path, shapes)
     names = ("vertices", "vertex_offsets", "face_offsets", "face_vertices", "face_vertex_offsets")
     return {
         **{name: getattr(polyhedra, name) for name in names},
         "poses": np.array(poses),
         "masses": np.array(masses),
+        **({"classes": np.array(classes)} if all(isinstance(one, int) for one in classes) else {}),
         **_domain(stage.GetRootLayer().customLayerData),
     }
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from exporters.reading.rebuild import placed
+from exporters.reading.rebuild import placed, with_classes
 from exporters.reading.stages import arrays
 from grainsdem.apart import read_apart
 from grainsdem.errors import FileFormatError
@@ -33,4 +33,5 @@ def read(path: Path) -> Packing:
     if not (np.isfinite(found["poses"]).all() and (norms > 0).all()):
         raise FileFormatError(f"{path}: its bodies must have places and turns of finite numbers")
     domain = Domain(found["lower"], found["upper"], found["periodic"]) if "lower" in found else None
-    return placed(shapes, positions, turns / norms, found["masses"], domain)
+    packing = placed(shapes, positions, turns / norms, found["masses"], domain)
+    return with_classes(packing, found["classes"]) if "classes" in found else packing

@@ -53,6 +53,9 @@ MOST_GRADIENTS = 2000
 ROUGH = 0.2
 """Relative error of the volumes that is enough before the seeds move again."""
 
+STRENGTHS = (1.0, 0.9, 0.75, 0.5, 0.25, 0.0)
+"""What parts of the weights that the cells had are tried once the seeds have moved."""
+
 
 @runtime_checkable
 class Law(Protocol):
@@ -202,12 +205,37 @@ def solve(
     """Return weights that give the volumes asked for, their cells, and the number of steps taken so far."""
     frame = Frame.of(domain)
     tree = build(frame.inward(sites), weights)
-    # The old weights may leave a moved seed without a cell; they are weakened until all have one, as all have without.
-    for strength in (1.0, 0.9, 0.75, 0.5, 0.25, 0.0):
+    # The old weights may leave a moved seed without a cell, or with one so small that no step leads away from it; they
+    # are weakened until one does, as without weights all have a cell of some size.
+    failure = ConvergenceError("some of the seeds have no cell, even without weights")
+    for strength in STRENGTHS:
         state = _state(tree, frame, strength * weights)
         if state.volumes.min() > 0:
-            weights = strength * weights
-            break
+            start = _Start(domain, frame, tree, sites, strength * weights, state)
+            try:
+                return _descend(start, targets, tolerance, steps, progress)
+            except ConvergenceError as error:
+                failure = error
+                LOG.debug("with %g of the weights before: %s", strength, error)
+    raise failure
+
+
+class _Start(NamedTuple):
+    """Where Newton's method begins."""
+
+    domain: Domain
+    frame: Frame
+    tree: Tree
+    sites: Floats
+    weights: Floats
+    state: _State
+
+
+def _descend(
+    start: _Start, targets: Floats, tolerance: float, steps: int, progress: Callable[[int, float], None] | None
+) -> tuple[Floats, _State, int]:
+    """Return what `solve` does, from weights that leave no cell empty."""
+    domain, frame, tree, sites, weights, state = start
     smallest = 0.5 * min(state.volumes.min(), targets.min())
     worst = float(np.max(np.abs(state.volumes / targets - 1)))
     for _ in range(NEWTON_STEPS):
