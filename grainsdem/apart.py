@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import io
+import math
 import os
 import subprocess
 import sys
@@ -55,7 +56,7 @@ def read_apart(function: Callable[[Path], Arrays], path: Path) -> Arrays:
     if not can_start():
         return function(path)
     seconds = PATIENCE + path.stat().st_size / PACE
-    limits = str(int(seconds)), str(allowed_memory())
+    limits = str(math.ceil(seconds)), str(allowed_memory())
     command = interpreter("grainsdem.apart", function.__module__, function.__qualname__, str(path), *limits)
     try:
         # A clock besides, for what waits without end; it allows for a machine that has much else to do.

@@ -121,7 +121,7 @@ def test_a_file_of_before_or_changed_by_others_is_tried_once(stored, fresh, tmp_
 
 @pytest.mark.unit
 def test_hdf5_waiting_for_ever_is_stopped(stored, tmp_path, monkeypatch):
-    monkeypatch.setattr(apart, "PATIENCE", 1.0)
+    monkeypatch.setattr(apart, "PATIENCE", 0.5)
     broken = bytearray(stored[:-SEAL])
     broken[LENGTH] ^= 64
     path = tmp_path / "bed.h5"
@@ -131,7 +131,7 @@ def test_hdf5_waiting_for_ever_is_stopped(stored, tmp_path, monkeypatch):
     # As one that is being written it is looked at again and again: it might yet become whole.
     broken[FLAGS] = 5
     path.write_bytes(broken)
-    with pytest.raises(FileFormatError, match=r"bed\.h5: damaged: reading it does not end within 2 s"):
+    with pytest.raises(FileFormatError, match=r"bed\.h5: damaged: reading it does not end within 1 s"):
         load(path)
 
 
@@ -141,13 +141,13 @@ def test_hdf5_waiting_for_ever_is_stopped(stored, tmp_path, monkeypatch):
     [
         (end, "ends the process that does, with exit status 7"),
         (crash, "ends the process that does, with exit status -6"),
-        (wait, "does not end within 2 s"),
+        (wait, "does not end within 1 s"),
         (burn, "takes more than 1 s of a processor"),
         (eat, "takes more memory than may be taken"),
     ],
 )
 def test_another_process_that_gives_no_answer_is_told_in_one_line(function, words, tmp_path, monkeypatch):
-    monkeypatch.setattr(apart, "PATIENCE", 1.0)
+    monkeypatch.setattr(apart, "PATIENCE", 0.5 if function is wait else 3.0 if function is not burn else 1.0)
     path = tmp_path / "a.h5"
     path.touch()
     with pytest.raises(FileFormatError, match=words):
@@ -173,7 +173,10 @@ def test_another_process_that_gives_no_answer_is_told_in_one_line(function, word
         (lambda file: swap(file, "densities", lambda a: -a), "densities must be zero or more; not so: 0, 1"),
         (lambda file: swap(file, "densities", lambda a: np.full(a.shape, b"x")), "densities must hold numbers"),
         (lambda file: swap(file, "positions", lambda a: a[0]), "positions must have shape"),
-        (lambda file: declare(file, "positions", (10**11, 3)), "would take .* GB"),
+        (
+            lambda file: declare(file, "positions", (10**11, 3)),
+            "says that it is of shape .* nearly all of that is missing",
+        ),
         (lambda file: link(file, "positions"), "dataset positions is missing"),
     ],
 )
@@ -186,6 +189,15 @@ def test_odd_content_is_refused_in_one_line(stored, tmp_path, monkeypatch, chang
     with pytest.raises(FileFormatError, match=words) as caught:
         load(path)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.unit
+def test_what_memory_does_not_hold_is_refused_before_it_is_read(stored, tmp_path, monkeypatch):
+    path = tmp_path / "bed.h5"
+    path.write_bytes(stored)
+    monkeypatch.setenv("GRAINSDEM_MEMORY", "1e-6")
+    with pytest.raises(FileFormatError, match=r"bytes of its datasets would take .* GB, and 1e-06 GB may be taken"):
+        load(path)
 
 
 def swap(file, name, change):

@@ -18,6 +18,7 @@ import numpy as np
 from exporters.mjcf.log import compiling
 from grainsdem.dynamics.experiments.parts.meshes import HOLLOW
 from grainsdem.errors import FileFormatError, InputError, MissingFileError
+from grainsdem.foreign import refusing
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -130,6 +131,8 @@ def read_fragment(path: str) -> Fragment:
             model = spec.compile()
         except (ValueError, mujoco.FatalError) as error:
             raise FileFormatError(_told(file, str(error))) from error
+    with refusing(file, "its names are not UTF-8"):
+        bytes(model.names).decode()
     for line in told:
         LOG.warning("%s: MuJoCo warns of the part: %s", file, line)
     unsupported = [words for count, words in UNSUPPORTED.items() if getattr(model, count, 0)]
