@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-import json
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from grainsdem.errors import FileFormatError, InputError, MissingFileError
+from grainsdem.errors import FileFormatError, InputError, MissingFileError, shown
+from grainsdem.foreign import json_object, refusing
+from grainsdem.model.arrays import LONGEST, SHORTEST
 
 if TYPE_CHECKING:
     import os
@@ -89,11 +91,10 @@ def flow(folder: str | os.PathLike[str]) -> Flow:
     for path in (folder / "case.json", folder / "postProcessing"):
         if not path.exists():
             raise MissingFileError(f"{path}: not there; export a case and run its Allrun first")
-    case = json.loads((folder / "case.json").read_text(encoding="utf-8"))
+    case = _case(folder / "case.json")
     rates = _rates(folder)
     axis = "xyz".index(case["axis"])
-    size = np.subtract(case["upper"], case["lower"])
-    length = float(size[axis])
+    length = float(case["upper"][axis] - case["lower"][axis])
     velocity = float(rates[-1]) / (case["volume"] / length)
     permeability = velocity * case["viscosity"] * length / case["kinematic_pressure_drop"]
     late = rates[-max(len(rates) // 10, 2) :]
@@ -106,6 +107,30 @@ def flow(folder: str | os.PathLike[str]) -> Flow:
     )
 
 
+def _case(path: Path) -> dict[str, Any]:
+    """Return what our exporter noted of a case, or raise `FileFormatError` where it is not what that notes."""
+    with refusing(path, "not the notes of a case"):
+        case = json_object(path.read_text(encoding="utf-8"))
+        if case.get("axis") not in ("x", "y", "z"):
+            raise FileFormatError(f"axis must be 'x', 'y' or 'z'; got {shown(case.get('axis'))}")
+        for name in ("lower", "upper"):
+            if not (isinstance(case.get(name), list) and len(case[name]) == 3 and all(map(_is_number, case[name]))):
+                raise FileFormatError(f"{name} must be three numbers; got {shown(case.get(name))}")
+        for name in ("volume", "viscosity", "kinematic_pressure_drop", "mean_diameter", "porosity"):
+            if not (_is_number(case.get(name)) and case[name] > SHORTEST):
+                raise FileFormatError(f"{name} must be a number above 0; got {shown(case.get(name))}")
+        if not case["porosity"] < 1:
+            raise FileFormatError(f"porosity must be below 1; got {case['porosity']}")
+        axis = "xyz".index(case["axis"])
+        if not case["upper"][axis] - case["lower"][axis] > SHORTEST:
+            raise FileFormatError(f"upper must be above lower along {case['axis']}")
+    return case
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < LONGEST
+
+
 def _rates(folder: Path) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     """Return the flow rate [m³/s] through the outlet after each iteration."""
     found = sorted(
@@ -113,8 +138,9 @@ def _rates(folder: Path) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     )
     if not found:
         raise MissingFileError(f"{folder / 'postProcessing'}: holds no flow rate; run the case's Allrun first")
-    try:
+    with refusing(found[-1], "not a table of flow rates"), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of a table without rows
         rates = np.loadtxt(found[-1], comments="#", ndmin=2)[:, 1]
-    except (ValueError, IndexError) as error:
-        raise FileFormatError(f"{found[-1]}: not a table of flow rates: {error}") from error
+        if not (rates.size and np.isfinite(rates).all()):
+            raise FileFormatError("it must hold a flow rate or more, all finite")
     return np.asarray(rates, dtype=np.float64)

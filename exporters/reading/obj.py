@@ -13,7 +13,7 @@ import numpy as np
 
 from exporters.reading.pieces import connected, open_objects, places, tell, within
 from exporters.reading.rebuild import from_soup, unit_of, with_classes
-from grainsdem.errors import FileFormatError
+from grainsdem.errors import FileFormatError, shown
 from grainsdem.ragged import offsets_from_counts, take_indices
 
 if TYPE_CHECKING:
@@ -28,6 +28,9 @@ _CLASS = re.compile(r"class_(\d{1,9})")
 
 IS_LOCAL = False
 ROUNDINGS = 1
+
+_MOST = 2**62
+"""Number of a vertex that fits into what numbers are kept in."""
 
 
 class _Mesh(NamedTuple):
@@ -105,7 +108,9 @@ def _parsed(path: Path, text: str) -> _Mesh:
             try:
                 points.append((float(words[1]), float(words[2]), float(words[3])))
             except (ValueError, IndexError) as error:
-                raise FileFormatError(f"{path}, line {line}: a vertex has three numbers; got {words[1:]}") from error
+                raise FileFormatError(
+                    f"{path}, line {line}: a vertex has three numbers; got {shown(words[1:])}"
+                ) from error
         elif words[0] == "f":
             loop = _loop(path, line, words[1:], len(points))
             corners += loop
@@ -139,13 +144,15 @@ def _loop(path: Path, line: int, words: list[str], n_before: int) -> list[int]:
         numbers = [int(word.partition("/")[0]) for word in words]
     except ValueError as error:
         raise FileFormatError(
-            f"{path}, line {line}: a corner is a number of a vertex, as v, v/vt, v//vn or v/vt/vn; got {words}"
+            f"{path}, line {line}: a corner is a number of a vertex, as v, v/vt, v//vn or v/vt/vn; got {shown(words)}"
         ) from error
     if len(numbers) < 3:
         raise FileFormatError(f"{path}, line {line}: a face has three corners or more; got {len(numbers)}")
+    if max(numbers) > _MOST:
+        raise FileFormatError(f"{path}, line {line}: a face names vertex {shown(max(numbers))}; no file has so many")
     if 0 in numbers or min(numbers) < -n_before:
         bad = next(number for number in numbers if number == 0 or number < -n_before)
         raise FileFormatError(
-            f"{path}, line {line}: a face names vertex {bad}; they count from 1, or back from -1 to -{n_before}"
+            f"{path}, line {line}: a face names vertex {shown(bad)}; they count from 1, or back from -1 to -{n_before}"
         )
     return [number - 1 if number > 0 else number + n_before for number in numbers]

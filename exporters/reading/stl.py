@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from exporters.meshes.stl import RECORD, TABLE
 from exporters.reading.pieces import connected, places, tell, within
 from exporters.reading.rebuild import from_soup, unit_of, with_classes
-from grainsdem.errors import FileFormatError
+from grainsdem.errors import FileFormatError, shown
 from grainsdem.ragged import owners
 
 if TYPE_CHECKING:
@@ -80,11 +81,17 @@ def _from_text(path: Path, text: str) -> tuple[NDArray[np.float32], NDArray[np.i
             try:
                 points.append((float(words[1]), float(words[2]), float(words[3])))
             except (ValueError, IndexError) as error:
-                raise FileFormatError(f"{path}, line {number}: a vertex has three numbers; got {words[1:]}") from error
+                raise FileFormatError(
+                    f"{path}, line {number}: a vertex has three numbers; got {shown(words[1:])}"
+                ) from error
         elif word == "endfacet":
+            if not names:
+                raise FileFormatError(f"{path}, line {number}: a facet before the first solid")
             solid_of.append(len(names) - 1)
             if len(points) != 3 * len(solid_of):
                 raise FileFormatError(f"{path}, line {number}: a facet has three vertices")
+    if len(points) != 3 * len(solid_of):
+        raise FileFormatError(f"{path}: ends within a facet: it has {len(points)} vertices, and {len(solid_of)} facets")
     with np.errstate(over="ignore"):  # beyond single precision it is infinite, which validation names
         corners = np.array(points, dtype=np.float64).astype(np.float32).reshape(len(solid_of), 3, 3)
     used, dense = np.unique(np.array(solid_of, dtype=np.int64), return_inverse=True)
@@ -94,10 +101,12 @@ def _from_text(path: Path, text: str) -> tuple[NDArray[np.float32], NDArray[np.i
 def _from_table(table: Path, n_triangles: int) -> tuple[NDArray[np.int64], NDArray[np.int64] | None]:
     """Return the grain of each triangle as the side table says, and each grain's class where it tells them."""
     try:
-        _, first, counts, *classes = np.loadtxt(table, delimiter=",", skiprows=1, dtype=np.int64, ndmin=2).T
-    except ValueError as error:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of a table without rows
+            _, first, counts, *classes = np.loadtxt(table, delimiter=",", skiprows=1, dtype=np.int64, ndmin=2).T
+    except (ValueError, OverflowError) as error:
         raise FileFormatError(f"{table}: not a table of grain, first triangle, number of triangles") from error
     offsets = np.append(first, n_triangles)
-    if first[0] != 0 or (counts < 1).any() or (np.diff(offsets) != counts).any():
+    if not first.size or first[0] != 0 or (counts < 1).any() or (np.diff(offsets) != counts).any():
         raise FileFormatError(f"{table}: its grains are not those of the {n_triangles} triangles beside it")
     return owners(offsets), classes[0] if classes else None

@@ -6,7 +6,6 @@ import functools
 import json
 import logging
 import sys
-import tomllib
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -15,7 +14,8 @@ import typer
 from rich.console import Console
 
 import grainsdem
-from grainsdem.errors import GrainsDEMError, InputError, RefusedError, ValidationError
+from grainsdem.errors import FileFormatError, GrainsDEMError, InputError, RefusedError, ValidationError, printable
+from grainsdem.foreign import toml
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -34,8 +34,9 @@ app = typer.Typer(
     Start with **grainsdem demo**: a bed of angular sand, grown, checked, written, poured and settled.""",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-out = Console(soft_wrap=True)
-err = Console(stderr=True, soft_wrap=True)
+# What is printed may come from a file: nothing in it is obeyed.
+out = Console(soft_wrap=True, markup=False, emoji=False)
+err = Console(stderr=True, soft_wrap=True, markup=False, emoji=False)
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
@@ -82,7 +83,7 @@ def guarded(command: Callable[..., None]) -> Callable[..., None]:
 
 def complain(line: str) -> None:
     """Print one line to the error stream."""
-    err.print(" ".join(line.split()), markup=False, highlight=False, style="red" if err.is_terminal else None)
+    err.print(printable(" ".join(line.split())), highlight=False, style="red" if err.is_terminal else None)
 
 
 @contextmanager
@@ -104,7 +105,7 @@ def warning() -> Iterator[None]:
 def telling(*, shown: bool) -> Iterator[None]:
     """Print what the library logs while the block runs, such as what a run will take."""
     handler = logging.Handler(logging.INFO)
-    handler.emit = lambda record: err.print(record.getMessage(), markup=False, highlight=False)  # type: ignore[method-assign]
+    handler.emit = lambda record: err.print(printable(record.getMessage()), highlight=False)  # type: ignore[method-assign]
     handler.addFilter(lambda record: record.levelno < logging.WARNING)  # those are printed already
     logger = logging.getLogger("grainsdem")
     before = logger.level
@@ -151,8 +152,8 @@ def keyed(items: list[str]) -> dict[str, Any]:
         if not (key and equals):
             raise InputError(f"an option is written as key=value; got {item!r}")
         try:
-            found[key] = tomllib.loads(f"value = {value}")["value"]
-        except tomllib.TOMLDecodeError:
+            found[key] = toml(f"value = {value}")["value"]
+        except FileFormatError:
             found[key] = value
     return found
 

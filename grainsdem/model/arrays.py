@@ -21,7 +21,12 @@ SHORTEST = 1e-30
 
 def read_only(name: str, value: ArrayLike, dtype: type, shape: tuple[int | None, ...]) -> NDArray[Any]:
     """Return ``value`` as a read-only C-contiguous array of the given shape (None: any length)."""
-    array: NDArray[Any] = np.ascontiguousarray(value, dtype=dtype)
+    given = np.asarray(value)
+    with np.errstate(invalid="ignore"):  # told below
+        array: NDArray[Any] = np.ascontiguousarray(given, dtype=dtype)
+    if array.dtype.kind in "iu" and array.dtype != given.dtype and not np.array_equal(array, given):
+        held = np.iinfo(array.dtype)
+        raise ShapeError(f"{name} must be whole numbers from {held.min} to {held.max}; some are not")
     if array.ndim != len(shape) or any(w is not None and g != w for g, w in zip(array.shape, shape, strict=True)):
         wanted = ", ".join("n" if w is None else str(w) for w in shape)
         raise ShapeError(f"{name} must have shape ({wanted}); got {np.shape(value)}")

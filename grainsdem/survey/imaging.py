@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import json
 import logging
+import re
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import grainsdem
 from grainsdem.atomic import replacing
-from grainsdem.errors import InputError, WriteError
+from grainsdem.errors import FileFormatError, InputError, WriteError
+from grainsdem.foreign import json_object
 from grainsdem.gate import gated
 from grainsdem.measures import write_table
 from grainsdem.measures.planform.counting import names_of_percentiles
@@ -158,8 +160,8 @@ def _begun(folder: Path, recipe: Recipe, table: ImagesTable) -> Path:
     about = {"version": grainsdem.__version__, **told}
     if (folder / ABOUT).is_file():
         try:
-            found = json.loads((folder / ABOUT).read_text(encoding="utf-8"))
-        except ValueError:
+            found = json_object((folder / ABOUT).read_text(encoding="utf-8"))
+        except (FileFormatError, UnicodeDecodeError):
             found = None
         if found != about:
             raise InputError(f"{folder}: holds another set of images; {_differing(found, about)}")
@@ -194,7 +196,7 @@ def _kept(folder: Path, header: list[str], table: ImagesTable) -> dict[str, list
     found, rows = read_rows(folder / TRUTH)
     if found != header:
         raise InputError(f"{folder / TRUTH}: has other columns than this set's; give another folder or remove it")
-    whole = [row for row in rows if len(row) == len(header) and not row[-1]]
+    whole = [row for row in rows if len(row) == len(header) and not row[-1] and re.fullmatch(r"\d{1,9}", row[1])]
     numbers = {row[1]: files_of(Picture(int(row[1]), 0), table) for row in whole}
     return {row[1]: row for row in whole if all((folder / name).is_file() for name in numbers[row[1]])}
 
