@@ -84,6 +84,11 @@ def grain_names(packing: Packing) -> list[str]:
     return [f"g{i:06d}" for i in range(len(packing))]
 
 
+def class_texts(packing: Packing, pattern: str) -> list[str]:
+    """Return the pattern filled with the class of each grain, or nothing for each where grains have no classes."""
+    return [""] * len(packing) if packing.classes is None else [pattern % number for number in packing.classes.tolist()]
+
+
 def check_positive(name: str, value: float, *, or_zero: bool = False) -> None:
     """Raise `InputError` unless ``value`` is a finite number above zero (or zero)."""
     is_number = isinstance(value, (int, float, np.number))

@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
     from grainsdem.model import Domain, Packing
 
-    Colour: TypeAlias = Literal["mineral", "id", "diameter"] | ArrayLike
+    Colour: TypeAlias = Literal["mineral", "id", "diameter", "class"] | ArrayLike
 
-COLOURS = ("mineral", "id", "diameter")
+COLOURS = ("mineral", "id", "diameter", "class")
 """What a colour can be by name."""
 
 GRAIN_COLOURS = {
@@ -70,19 +70,24 @@ def colours_of(packing: Packing, volumes: NDArray[np.float64], colour: Colour) -
         The grains.
     volumes : ndarray, shape (n,)
         Their volumes [m³].
-    colour : {"mineral", "id", "diameter"} or array_like
-        Minerals mixed; along a scale from dark blue to yellow by number or diameter of the grain, or by numbers of
-        one's own, shape (n,); or red, green and blue, shape (n, 3).
+    colour : {"mineral", "id", "diameter", "class"} or array_like
+        Minerals mixed; along a scale from dark blue to yellow by number, diameter or class of the grain, or by numbers
+        of one's own, shape (n,); or red, green and blue, shape (n, 3).
 
     Raises
     ------
     InputError
-        If there are not as many numbers as grains.
+        If there are not as many numbers as grains, or grains have no classes to be coloured by.
     """
     n = len(packing)
     if isinstance(colour, str):
         if colour == "mineral":
             return np.array(list(GRAIN_COLOURS.values()))[shades(n)]
+        if colour == "class":
+            if packing.classes is None:
+                raise InputError("the grains have no classes to be coloured by")
+            # One step a class, whatever their numbers.
+            return scale(np.unique(packing.classes, return_inverse=True)[1].ravel().astype(np.float64))
         return scale(np.arange(n, dtype=np.float64) if colour == "id" else cube_roots(volumes))
     numbers = np.asarray(colour, dtype=np.float64)
     if len(numbers) != n:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import logging
+import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from grainsdem.errors import InputError
+from grainsdem.errors import InputError, shown
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -81,8 +82,22 @@ def rest_of(packing: Packing) -> Rest | None:
         found = step.get(_KEY)
         if found is None:
             return None
-        return Rest(**{**found, "down": tuple(found["down"])})
+        return _rest(found)
     return None
+
+
+def _rest(found: Any) -> Rest:
+    """Return what a step notes of rest, or raise `InputError` where it notes something else: it may be from a file."""
+    try:
+        rest = Rest(**{**found, "down": tuple(map(float, found["down"]))})
+        walls = rest.wall_friction if isinstance(rest.wall_friction, dict) else {"": rest.wall_friction or 0.0}
+        plain = (rest.friction or 0.0, *walls.values(), rest.rolling_friction, rest.restitution or 0.0, *rest.down)
+        is_sound = len(rest.down) == 3 and rest.time_step > 0 and all(map(math.isfinite, (rest.time_step, *plain)))
+    except (TypeError, ValueError, KeyError, OverflowError) as error:
+        raise InputError(f"the provenance notes no rest that can be read; got {shown(found)}") from error
+    if not is_sound or min(*plain[:-3]) < 0 or rest.mixing not in ("max", "min"):
+        raise InputError(f"the provenance notes no rest that can be; got {shown(found)}")
+    return rest
 
 
 class Frictions(NamedTuple):

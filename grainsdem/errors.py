@@ -112,6 +112,17 @@ def shown(value: object) -> str:
     return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}…"
 
 
+def printable(text: str) -> str:
+    r"""Return a text whose signs a terminal shows and none of which it obeys.
+
+    Examples
+    --------
+    >>> printable("a\x1b[2Jb")
+    'a�[2Jb'
+    """
+    return text if text.isprintable() else "".join(c if c.isprintable() or c == "\n" else "�" for c in text)
+
+
 def name_offenders(ids: Iterable[Any], *, most: int = 5) -> str:
     """Return the first offenders as text, and how many more there are.
 

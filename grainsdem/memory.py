@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 
-from grainsdem.errors import InputError, WriteError
+from grainsdem.errors import InputError, WriteError, shown
 
 SHARE = 0.8
 """Of the memory that the machine has: what one call may take."""
@@ -62,6 +62,13 @@ def allow_disk(folder: os.PathLike[str], n_bytes: float, what: str) -> None:
         raise WriteError(
             f"{what} would take {n_bytes / 1e9:.3g} GB of disk, and {free / 1e9:.3g} GB are free in {folder}"
         )
+
+
+def allow_cells(n: int) -> None:
+    """Raise `InputError` unless a number of cells to be grown is one or more, and so many fit in memory."""
+    if n < 1:
+        raise InputError(f"the number of cells must be 1 or more; got {shown(n)}")
+    allow_memory(n, A_CELL, "cells")
 
 
 def allow_memory(n: float, each: float, what: str) -> None:

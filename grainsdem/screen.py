@@ -10,7 +10,7 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeEl
 from rich.table import Table
 from rich.text import Text
 
-from grainsdem.errors import name_offenders
+from grainsdem.errors import name_offenders, printable
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -71,7 +71,7 @@ class ChainProgress:
 
     def __init__(self, console: Console, *, shown: bool = True) -> None:
         self._bars = Progress(
-            SpinnerColumn(finished_text="[green]✓[/green]"),
+            SpinnerColumn(finished_text=Text("✓", style="green")),
             TextColumn("{task.description:<15}", markup=False),
             BarColumn(bar_width=8),
             TimeElapsedColumn(),
@@ -179,18 +179,18 @@ def print_info(console: Console, title: str, facts: dict[str, Any]) -> None:
     table = Table(title=Text(title), title_justify="left", title_style="bold", show_header=False)
     for key, value in facts.items():
         if key != "provenance":
-            table.add_row(key.replace("_", " "), Text(str(value)))
+            table.add_row(key.replace("_", " "), str(value))
     for step in facts["provenance"]:
         options = ", ".join(f"{k} = {v}" for k, v in step.items() if k != "step" and v is not None)
-        table.add_row(Text(f"step: {step['step']}"), Text(options))
+        table.add_row(printable(f"step: {step['step']}"), printable(options))
     console.print(table)
 
 
 def print_facts(console: Console, title: str, facts: dict[str, str]) -> None:
     """Print names and values."""
-    table = Table(title=Text(title), title_justify="left", title_style="bold", show_header=False)
+    table = Table(title=title, title_justify="left", title_style="bold", show_header=False)
     for name, value in facts.items():
-        table.add_row(Text(name), Text(value))  # not markup: what is told may come from a file
+        table.add_row(printable(name), printable(value))
     console.print(table)
 
 

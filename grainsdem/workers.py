@@ -97,20 +97,23 @@ def share(
             process.communicate()
 
 
-def _start() -> subprocess.Popen[bytes]:
-    environment = {
-        **os.environ,
-        "PYTHONPATH": os.pathsep.join(path or str(Path.cwd()) for path in sys.path),
-        "NUMBA_NUM_THREADS": "1",  # the processes are the threads
-    }
-    return subprocess.Popen(
-        [sys.executable, "-P", "-m", "grainsdem.workers"],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        env=environment,
+def interpreter(module: str, *words: str) -> dict[str, Any]:
+    """Return what `subprocess` needs to run a module as this process would, on one thread."""
+    return {
+        "args": [sys.executable, "-P", "-m", module, *words],
+        "env": {
+            **os.environ,
+            "PYTHONPATH": os.pathsep.join(path or str(Path.cwd()) for path in sys.path),
+            "NUMBA_NUM_THREADS": "1",
+        },
         # Ctrl-C is for the parent, which ends its children.
-        start_new_session=True,
-    )
+        "start_new_session": True,
+    }
+
+
+def _start() -> subprocess.Popen[bytes]:
+    # The processes are the threads.
+    return subprocess.Popen(stdin=subprocess.PIPE, stdout=subprocess.PIPE, **interpreter("grainsdem.workers"))
 
 
 def _feed(

@@ -262,6 +262,17 @@ def test_info_tells_what_made_the_file(bed):
     assert "step: carve" in call("info", bed).output
 
 
+def test_nothing_in_a_file_is_obeyed_when_it_is_printed(bed, tmp_path):
+    step = {"step": "[/bold] :smile: \x1b[31m", "[red]": "[/red]"}
+    told = dataclasses.replace(grainsdem.load(bed), provenance=(json.dumps(step),))
+    grainsdem.save(told, tmp_path / "[red].h5")
+    result = call("info", tmp_path / "[red].h5")
+    assert result.exit_code == 0
+    assert "step: [/bold] :smile: �[31m" in result.output
+    assert "[red] = [/red]" in result.output
+    assert "[red].h5" in result.output
+
+
 def test_quiet_prints_nothing(bed, tmp_path):
     for words in (["measure", bed], ["validate", bed], ["info", bed], ["export", bed, tmp_path / "a.stl"]):
         assert call(*words, "--quiet").output == ""

@@ -434,7 +434,7 @@ def test_files_and_write_take_the_options_as_plain_words(fresh, tmp_path):
         ({"iterations": 0}, "iterations must be positive"),
         ({"units": "inch"}, "units must be si, mm, grain or a length in metres; got 'inch'"),
         ({"units": -1.0}, "units must be positive and finite; got -1.0"),
-        ({"colour": "red"}, "colour must be one of mineral, id, diameter, or numbers; got 'red'"),
+        ({"colour": "red"}, "colour must be one of mineral, id, diameter, class, or numbers; got 'red'"),
         ({"shapes": "cubes"}, "shapes must be one of hulls, spheres; got 'cubes'"),
         ({"keyframe": "a\nb"}, "keyframe must be a name that can be printed"),
     ],

@@ -241,15 +241,15 @@ def test_permeability_is_darcys(tmp_path, fresh):
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        ("junk", "Expecting value"),
-        ("[1]", "input should be a valid dictionary"),
-        ("[" * 100_000, "not the case of an export"),
-        ({"axis": "w"}, "axis: input should be 'x', 'y' or 'z'; got 'w'"),
-        ({"kinematic_pressure_drop": None}, "kinematic_pressure_drop: "),
-        ({"kinematic_pressure_drop": 0}, "kinematic_pressure_drop: input should be greater than 0; got 0"),
-        ({"volume": True}, "volume: input should be a valid number; got True"),
-        ({"upper": [0, 0, 0]}, "its upper corner is not above its lower one"),
-        ({"porosity": "x"}, "porosity: input should be a valid number; got 'x'"),
+        ("junk", "not JSON: Expecting value"),
+        ("[1]", "not a JSON object; got"),
+        ("[" * 100_000, "nested too deep"),
+        ({"axis": "w"}, "axis must be 'x', 'y' or 'z'; got 'w'"),
+        ({"kinematic_pressure_drop": None}, "kinematic_pressure_drop must be a number above 0; got None"),
+        ({"kinematic_pressure_drop": 0}, "kinematic_pressure_drop must be a number above 0; got 0"),
+        ({"volume": True}, "volume must be a number above 0; got True"),
+        ({"upper": [0, 0, 0]}, "upper must be above lower along z"),
+        ({"porosity": "x"}, "porosity must be a number above 0; got 'x'"),
     ],
 )
 def test_a_junk_case_is_one_line(tmp_path, fresh, change, told):

@@ -163,7 +163,10 @@ def test_what_is_no_face_or_vertex_is_refused_with_its_line(tmp_path, line, word
     assert "\n" not in str(caught.value)
 
 
-def test_a_comment_that_begins_as_ours_is_only_a_comment(tmp_path):
-    for head in ("# unit", "# unit ten m", "# unit mm"):
+def test_a_first_line_that_names_no_length_is_refused_and_one_that_speaks_of_units_is_a_comment(tmp_path):
+    for head in ("# unit", "# unit ten m", "# unit mm", "# unit abc", "# unit 0x10 m", "# unit 0 m", "# unit -1 m"):
+        with pytest.raises(FileFormatError, match="the unit in its first line must be a length above 0"):
+            read(tmp_path, [head, *vertices(), *faces()])
+    for head in ("# a unit cube", "# in SI units", "# made for a unit test"):
         assert volumes(read(tmp_path, [head, *vertices(), *faces()]).grains)[0] == pytest.approx(1)
     assert volumes(read(tmp_path, ["# unit 0.5 m", *vertices(), *faces()]).grains)[0] == pytest.approx(0.125)

@@ -543,7 +543,7 @@ def test_a_record_of_other_grains_or_times_is_refused(tilted, motion, tmp_path):
 @pytest.mark.parametrize(
     ("colour", "message"),
     [
-        ("red", "colour must be one of mineral, id, diameter, or numbers; got 'red'"),
+        ("red", "colour must be one of mineral, id, diameter, class, or numbers; got 'red'"),
         ([[1.0, 2.0]], "a number or red, green and blue of each grain"),
         ([np.nan], "must be finite"),
         ([[0.5, 0.5, 1.5]], "from 0 to 1"),

@@ -239,6 +239,33 @@ def test_the_exact_surface_is_that_of_the_faces_and_coarse_voxels_are_told(perio
         assert is_wrong or found["specific_surface"] == pytest.approx(exact, rel=0.05)
 
 
+@pytest.mark.unit
+@pytest.mark.parametrize("region", [None, ((0.1, 0.1, 0.1), (0.8, 0.7, 0.9))])
+def test_the_surface_counted_while_voxels_are_written_is_that_of_the_voxels(periodic, tmp_path, region):
+    file = write_voxels(periodic, tmp_path / "a.npy", per_diameter=8, region=region, surface=True)
+    voxels = voxelize(periodic, per_diameter=8, region=region)
+    assert file.specific_surface == pytest.approx(specific_surface(voxels, method="crofton"), rel=1e-12)
+    # Counted once more, all pairs of all voxels at once, wrapped by NumPy.
+    if region is None:
+        phase = voxels.phase()
+        views = [(phase != np.roll(phase, 1, axis)).mean() / voxels.spacing[2 - axis] for axis in range(3)]
+        assert file.specific_surface == pytest.approx(2 * np.mean(views), rel=0.1)
+    assert np.isnan(write_voxels(periodic, tmp_path / "a.npy", per_diameter=8).specific_surface)
+
+
+@pytest.mark.unit
+def test_voxels_warn_where_they_are_too_coarse_for_the_surface(periodic, tmp_path, caplog):
+    save(periodic, tmp_path / "bed.h5")
+    for per_diameter, is_wrong in ((3, True), (24, False)):
+        caplog.clear()
+        words = ["voxels", str(tmp_path / "bed.h5"), str(tmp_path / "a.raw"), "--per-diameter", str(per_diameter)]
+        result = CliRunner().invoke(app, [*words, "--json"])
+        assert result.exit_code == 0, result.output
+        found = json.loads(result.stdout)
+        assert (abs(found["specific_surface"] / found["exact_specific_surface"] - 1) > 0.05) is is_wrong
+        assert any("specific surface is off by" in record.getMessage() for record in caplog.records) is is_wrong
+
+
 @pytest.mark.client
 def test_the_two_phase_function_is_written_in_one_byte_a_voxel(periodic, tmp_path):
     import pyvista

@@ -165,7 +165,7 @@ def test_the_count_of_a_list_is_the_only_one(tmp_path):
     for name, text, error, words in (
         ("none.csv", None, MissingFileError, "no such file"),
         ("sizes.xlsx", "1", FileFormatError, ".txt, .csv, .npy; got '.xlsx'"),
-        ("words.csv", "1,two\n", FileFormatError, "not a list of numbers"),
+        ("words.csv", "1,two\n", FileFormatError, r"words\.csv: line 1: 'two' is no number"),
         ("empty.csv", "", FileFormatError, "one number or more"),
         ("cut.npy", "x", FileFormatError, "not a list of numbers"),
     ):

@@ -100,6 +100,15 @@ def test_planar_cells_have_the_areas_of_their_diameters():
 
 
 @pytest.mark.unit
+def test_a_cell_that_nearly_vanished_as_its_seed_moved_comes_back():
+    # Of some 1300 beds tried this one alone is left with a cell of almost no volume, from which no step leads away.
+    law = stats.lognorm(s=0.9)
+    cells = sized_cells(Domain.cube(), law, n=30, rng=105)
+    wanted = np.sort(law.ppf((np.arange(30) + 0.5) / 30) ** 3)
+    assert np.sort(volumes(cells.cells)) == pytest.approx(wanted / wanted.sum(), rel=0.01)
+
+
+@pytest.mark.unit
 def test_relaxation_makes_sized_cells_rounder():
     domain = Domain.cube(periodic=True)
     diameters = np.random.default_rng(3).lognormal(0.0, 0.3, 300)
@@ -117,7 +126,7 @@ def test_sizes_that_cannot_be_had_are_refused():
         sized_cells(domain, [1.0, -1.0])
     with pytest.raises(InputError, match="tolerance must lie between 0 and 1; got 0"):
         sized_cells(domain, [1.0, 1.0], tolerance=0)
-    with pytest.raises(InputError, match="relaxations must be zero or more; got -1"):
+    with pytest.raises(InputError, match="relaxations must be zero or more, at most 100000; got -1"):
         sized_cells(domain, [1.0, 1.0], relaxations=-1)
     with pytest.raises(ShapeError, match=r"got shape \(1, 3\) beside diameters of shape \(2,\)"):
         sized_cells(domain, [1.0, 1.0], seeds=[[0.5, 0.5, 0.5]])

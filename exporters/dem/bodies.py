@@ -282,6 +282,14 @@ def _lost(found: Skin, sizes: Bodies) -> dict[str, float]:
     }
 
 
+def kinds_of(packing: Packing) -> tuple[list[int], list[int]]:
+    """Return the classes that grains have, rising, and the number from 1 of each grain's; without classes all are 1."""
+    if packing.classes is None:
+        return [], [1] * len(packing)
+    numbers, index = np.unique(packing.classes, return_inverse=True)
+    return numbers.tolist(), (index.ravel() + 1).tolist()
+
+
 def parts(packing: Packing) -> Iterator[tuple[slice, Packing]]:
     """Yield the grains a stretch at a time: which of all they are, and a packing of them."""
     for first, part in stretches(packing):

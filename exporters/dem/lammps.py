@@ -17,6 +17,7 @@ from exporters.check import refuse
 from exporters.container import world_bounds
 from exporters.dem.bodies import (
     bodies,
+    kinds_of,
     parts,
     report,
     rounded_parts,
@@ -82,11 +83,11 @@ run             $${steps}
 """)
 
 _HEADER = Template("""\
-$name: $n_grains rounded polyhedra in grain units, atom 8 is grain 7; 1 = $length m, $mass kg, $time s
+$name: $n_grains rounded polyhedra in grain units, atom 8 is grain 7; 1 = $length m, $mass kg, $time s$types
 
 $n_grains atoms
 $n_grains bodies
-1 atom types
+$n_types atom types
 
 $box
 
@@ -130,8 +131,8 @@ def files(
 ) -> dict[str, bytes | Iterable[bytes]]:
     """Return the script and the data file beside it: ``{"bed.in": …, "bed.data": …}``.
 
-    Atom 8 is grain 7, with the mass, the centre of mass and the inertia of the sharp grain. Periodic axes are periodic
-    in LAMMPS too, which wraps grains into the box.
+    Atom 8 is grain 7, with the mass, the centre of mass and the inertia of the sharp grain; there is one type, or one a
+    class, from the lowest on. Periodic axes are periodic in LAMMPS too, which wraps grains into the box.
 
     Raises
     ------
@@ -238,15 +239,28 @@ def _data(bed: _Bed) -> Iterator[bytes]:
     lower = np.where(domain.periodic, domain.lower, np.minimum(domain.lower, bed.bounds[0]))
     upper = np.where(domain.periodic, domain.upper, np.maximum(domain.upper, bed.bounds[1]))
     edges = zip(table_of_text(np.column_stack([lower, upper]) / length, digits=12), "xyz", strict=True)
-    yield _HEADER.substitute(bed.told, box="\n".join(f"{row} {axis}lo {axis}hi" for row, axis in edges)).encode()
+    numbers, kinds = kinds_of(bed.packing)
+    yield _HEADER.substitute(
+        bed.told,
+        n_types=max(len(numbers), 1),
+        types=_types(numbers),
+        box="\n".join(f"{row} {axis}lo {axis}hi" for row, axis in edges),
+    ).encode()
     for rows, _ in parts(bed.packing):
         masses = table_of_text(sizes.masses[rows, None] / bed.scales.mass, digits=14)
         places = table_of_text(sizes.centres[rows] / length, digits=14)
-        atoms = zip(range(rows.start + 1, rows.stop + 1), masses, places, strict=True)
-        yield "".join([f"{atom} 1 1 {mass} {place}\n" for atom, mass, place in atoms]).encode()
+        atoms = zip(range(rows.start + 1, rows.stop + 1), kinds[rows], masses, places, strict=True)
+        yield "".join([f"{atom} {kind} 1 {mass} {place}\n" for atom, kind, mass, place in atoms]).encode()
     yield b"\nBodies\n\n"
     for rows, mine, one in rounded_parts(bed.packing, sizes, bed.options.rounding):
         yield _bodies(bed, rows, mine, one)
+
+
+def _types(numbers: list[int]) -> str:
+    """Return the words of the first line, which is a comment, that say which type is which class."""
+    # LAMMPS reads 255 signs of a line.
+    told = "".join(f"; type {kind} is class {number}" for kind, number in enumerate(numbers, 1))
+    return told if len(told) < 100 else f"; types 1 to {len(numbers)} are the classes, rising"
 
 
 def _bodies(bed: _Bed, rows: slice, mine: Bodies, one: Rounded) -> bytes:

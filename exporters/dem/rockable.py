@@ -12,6 +12,7 @@ from exporters.check import grain_names
 from exporters.container import world_bounds
 from exporters.dem.bodies import (
     bodies,
+    kinds_of,
     parts,
     report,
     rounded_parts,
@@ -41,7 +42,7 @@ _HEADER = Template("""\
 Rockable 21-08-2022
 # $name: $n_grains grains in SI, shape g000007 is grain 7. $rounding
 # Run in this file's folder: the library of shapes is looked for there.
-t 0
+${classes}t 0
 tmax $duration
 dt $time_step
 interVerlet $update
@@ -94,7 +95,7 @@ def files(
     """Return the configuration and the library of shapes beside it: ``{"bed.conf": …, "bed.shp": …}``.
 
     Shape ``g000007`` is grain 7, about its centre of mass and along its principal axes; masses and inertias are those
-    of the sharp grains.
+    of the sharp grains. Walls are of group 0, grains of group 1, or of one a class, from the lowest on.
 
     Raises
     ------
@@ -117,6 +118,8 @@ def _configuration(
 ) -> Iterator[bytes]:
     """Yield the file of settings and poses, the driven walls first."""
     n, k = len(packing), len(container.names)
+    numbers, groups = kinds_of(packing)
+    n_groups = max(len(numbers), 1)
     d = float(np.median(sizes.diameters))
     drop = height(packing, world_bounds(packing))
     law = springs(sizes, options.depth * found.radii, drop, options.gravity, steps=50)
@@ -141,19 +144,27 @@ def _configuration(
         far=f"{0.1 * d:.9g}",
         near=f"{0.05 * d:.9g}",
         # exaDEM wants a density for every shape, Rockable for every group.
-        densities="\n".join(f"density {shape} {packing.densities[0]:.12g}" for shape in range(max(n + k, 2))),
+        densities="\n".join(
+            f"density {shape} {packing.densities[0]:.12g}" for shape in range(max(n + k, n_groups + 1))
+        ),
         gravity=rows_of_text(options.gravity * down(packing), [3])[0],
-        contacts="\n".join(f"{key} {pair} {value:.9g}" for key, value in contact.items() for pair in ("0 1", "1 1")),
+        classes=_told(numbers),
+        contacts="\n".join(
+            f"{key} {a} {b} {value:.9g}"
+            for key, value in contact.items()
+            for b in range(1, n_groups + 1)
+            for a in range(b + 1)
+        ),
         n_walls=k,
         n_bodies=n + k,
     )
     yield header.encode()
     # A plate's skin reaches the wall's surface.
     behind = container.centres - _plate_radius(found) * container.normals
-    yield _bodies(container.names, 0, behind, container.quaternions)
+    yield _bodies(container.names, [0] * k, behind, container.quaternions)
     names = grain_names(packing)
     for rows, _ in parts(packing):
-        yield _bodies(names[rows], 1, sizes.centres[rows], sizes.orientations[rows])
+        yield _bodies(names[rows], groups[rows], sizes.centres[rows], sizes.orientations[rows])
 
 
 def _plate_radius(found: Skin) -> float:
@@ -161,12 +172,18 @@ def _plate_radius(found: Skin) -> float:
     return float(np.median(found.radii))
 
 
-def _bodies(names: list[str], group: int, centres: Floats, quaternions: Floats) -> bytes:
+def _told(numbers: list[int]) -> str:
+    """Return a comment that says which group is which class, or nothing where there are no classes."""
+    told = ", ".join(f"group {group} is class {number}" for group, number in enumerate(numbers, 1))
+    return f"# {told}\n" if told else ""
+
+
+def _bodies(names: list[str], groups: list[int], centres: Floats, quaternions: Floats) -> bytes:
     """Return one line a body: shape, group, cluster, scale, pose and derivatives of that, which are zero."""
     places, turns = table_of_text(centres, digits=14), table_of_text(quaternions.round(15), digits=12)
-    rows = zip(names, places, turns, strict=True)
+    rows = zip(names, groups, places, turns, strict=True)
     still = "0 0 0 0 0 0"
-    return "".join([f"{name} {group} 0 1 {at} {still} {turn} {still}\n" for name, at, turn in rows]).encode()
+    return "".join([f"{name} {group} 0 1 {at} {still} {turn} {still}\n" for name, group, at, turn in rows]).encode()
 
 
 def _library(packing: Packing, sizes: Bodies, found: Skin, container: Walls, *, rounding: float) -> Iterator[bytes]:

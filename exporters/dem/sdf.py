@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from exporters.check import check_choice, check_positive, grain_names
+from exporters.check import check_choice, check_positive, class_texts, grain_names
 from exporters.container import GRAIN_COLOURS, shades, world_bounds
 from exporters.dem.bodies import bodies, parts
 from exporters.dem.options import WALLS, check_friction
@@ -79,7 +79,7 @@ _MODEL = """\
           <geometry><mesh><uri>%s</uri><drake:declare_convex/></mesh></geometry>
           %s
         </collision>
-        <visual name="look">
+        <visual name="%s">
           <geometry><mesh><uri>%s</uri></mesh></geometry>
           <material><ambient>%s 1</ambient><diffuse>%s 1</diffuse></material>
         </visual>
@@ -149,7 +149,8 @@ def files(
 ) -> dict[str, bytes | Iterable[bytes]]:
     """Return the world and its meshes: ``{"bed.sdf": …, "bed-meshes/g000000.obj": …, …}``.
 
-    Model ``g000007`` is grain 7, and its frame is the grain's own.
+    Model ``g000007`` is grain 7, and its frame is the grain's own. Where grains have classes, a model's visual is
+    named after its own, ``class_2``.
 
     Raises
     ------
@@ -226,6 +227,8 @@ def _models(part: Packing, sizes: Bodies, scales: GrainUnits, rows: slice, *, su
         *(table_of_text(moments[:, axis : axis + 1], digits=12) for axis in range(3)),
         paths,
         [surface] * len(names),
+        # Drake warns of every element that it does not know, but tells geometries by their names.
+        class_texts(part, "class_%d") if part.classes is not None else ["look"] * len(names),
         paths,
         own,
         own,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from exporters.check import check_choice, check_positive, grain_names
+from exporters.check import check_choice, check_positive, class_texts, grain_names
 from exporters.container import container_box, world_bounds
 from exporters.dem.bodies import bodies, parts
 from exporters.dem.options import WALLS, check_friction
@@ -102,7 +102,8 @@ def files(
     """Return the one file of commands: ``{"bed.3ddat": …}``.
 
     Every face has its corners clockwise seen from outside, as 3DEC asks. The block of grain 7 is in group ``g000007``
-    of the slot ``grain``; the walls are in group ``walls``, and fixed.
+    of the slot ``grain``, and where grains have classes in one such as ``class_2`` of the slot ``class``; the walls are
+    in group ``walls``, and fixed.
 
     Raises
     ------
@@ -177,7 +178,9 @@ def _grains(part: Packing, sizes: Bodies, rows: slice) -> str:
     bounds = np.stack([sizes.centres[rows] - reach, sizes.centres[rows] + reach], axis=2).reshape(-1, 6)
     named = filled("range pos-x %.12g %.12g pos-y %.12g %.12g pos-z %.12g %.12g", bounds, np.ones(len(bounds)))
     groups = [f"block group 'g{rows.start + i:06d}' slot 'grain' {box}\n" for i, box in enumerate(named)]
-    return "".join([*made, *groups])
+    own = class_texts(part, "block group 'class_%d' slot 'class' range group ")
+    classes = [f"{text}'g{rows.start + i:06d}' slot 'grain'\n" for i, text in enumerate(own) if text]
+    return "".join([*made, *groups, *classes])
 
 
 def _block(name: str, faces: list[list[str]]) -> str:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 from dataclasses import dataclass
 from string import Template
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -154,7 +154,8 @@ def files(
 ) -> dict[str, bytes]:
     """Return the script and its arrays: ``{"bed.py": …, "bed.npz": …}``.
 
-    Body 7 is grain 7, with its own mass and inertia. The arrays also hold ids, and each grain's pose in the packing.
+    Body 7 is grain 7, with its own mass and inertia. The arrays also hold ids, each grain's pose in the packing, and
+    its class where grains have classes: ``bed["classes"][body.id]``.
 
     Raises
     ------
@@ -214,20 +215,22 @@ def _arrays(packing: Packing, sizes: Bodies, scales: GrainUnits, options: YadeOp
         refuse("grains must be narrower than half the periodic domain, or Yade stops", 2.1 * reach > half)
     container = walls(packing, world_bounds(packing), "none" if wraps else options.walls)
     vertices /= scales.length
+    arrays: dict[str, Any] = {
+        "ids": np.arange(len(packing)),
+        "vertices": vertices,
+        "vertex_offsets": offsets,
+        "centres": (sizes.centres - packing.domain.lower * wraps) / scales.length,
+        "orientations": sizes.orientations,
+        "masses": sizes.masses / scales.mass,
+        "densities": packing.densities / scales.density,
+        "positions": packing.positions / scales.length,
+        "quaternions": packing.quaternions,
+        "walls": container.plates(2 * float(np.median(sizes.diameters))) / scales.length,
+        "wall_names": np.array(container.names, dtype="U16"),
+        "units": np.array([scales.length, scales.mass, scales.time]),
+    }
+    if packing.classes is not None:
+        arrays["classes"] = packing.classes
     file = io.BytesIO()
-    np.savez(
-        file,
-        ids=np.arange(len(packing)),
-        vertices=vertices,
-        vertex_offsets=offsets,
-        centres=(sizes.centres - packing.domain.lower * wraps) / scales.length,
-        orientations=sizes.orientations,
-        masses=sizes.masses / scales.mass,
-        densities=packing.densities / scales.density,
-        positions=packing.positions / scales.length,
-        quaternions=packing.quaternions,
-        walls=container.plates(2 * float(np.median(sizes.diameters))) / scales.length,
-        wall_names=np.array(container.names, dtype="U16"),
-        units=np.array([scales.length, scales.mass, scales.time]),
-    )
+    np.savez(file, **arrays)
     return file.getvalue()

@@ -64,7 +64,7 @@ Options = GlbOptions
 
 LOSES = (
     "Polygons are cut into triangles; vertices and poses are in single precision.",
-    "Mass and density of each grain stand in its node's extras, which few programs read.",
+    "Mass, density and class of each grain stand in its node's extras, which few programs read.",
 )
 """What the format does not carry."""
 
@@ -173,7 +173,8 @@ def _document(
 
     def nodes(i: NDArray[np.int64], part: Packing) -> list[NDArray[Any]]:
         turns = np.roll(part.quaternions, -1, axis=1)
-        return [i, i, *part.positions.T, *turns.T, i, masses[i], part.densities]
+        own = [] if part.classes is None else [part.classes]
+        return [i, i, *part.positions.T, *turns.T, i, masses[i], part.densities, *own]
 
     yield json.dumps(rest, separators=(",", ":"))[:-1].encode()
     for key, pattern, columns in (
@@ -185,7 +186,7 @@ def _document(
         yield from _rows(packing, pattern, columns)
         yield b"]"
     yield b',"nodes":[' + json.dumps(root, separators=(",", ":")).encode() + b","
-    yield from _rows(packing, _NODE, nodes)
+    yield from _rows(packing, _NODE if packing.classes is None else _NODE.replace("}}", ',"class":%d}}'), nodes)
     yield b"]}"
 
 

@@ -16,6 +16,8 @@ from grainsdem.geometry.triangles import best_apexes, triangles
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from numpy.typing import NDArray
+
     from grainsdem.model import Packing
 
 
@@ -26,7 +28,7 @@ class MshOptions:
     Parameters
     ----------
     per_grain : bool
-        A physical group ``g000000`` a grain; else one, ``grains``.
+        A physical group ``g000000`` a grain; else one a class, ``class_2``, or ``grains`` where they have no classes.
     """
 
     per_grain: bool = False
@@ -55,22 +57,33 @@ def files(
     """
     check_name(name)
     measured(packing)
-    groups = grain_names(packing) if (options or MshOptions()).per_grain else ["grains"]
-    script = _script(f"{name}{suffix}", len(packing), groups)
-    return {f"{name}{suffix}": _content(packing, groups), f"{name}.geo": script.encode()}
+    groups, group_of = _groups(packing, per_grain=(options or MshOptions()).per_grain)
+    script = _script(f"{name}{suffix}", groups, group_of)
+    return {f"{name}{suffix}": _content(packing, groups, group_of), f"{name}.geo": script.encode()}
 
 
-def _script(surfaces: str, n: int, groups: list[str]) -> str:
+def _groups(packing: Packing, *, per_grain: bool) -> tuple[list[str], NDArray[np.int64]]:
+    """Return the names of the physical groups, and the number from 0 of that which each grain is in."""
+    if per_grain:
+        return grain_names(packing), np.arange(len(packing))
+    if packing.classes is None:
+        return ["grains"], np.zeros(len(packing), dtype=np.int64)
+    numbers, group_of = np.unique(packing.classes, return_inverse=True)
+    return [f"class_{number}" for number in numbers.tolist()], group_of.ravel()
+
+
+def _script(surfaces: str, groups: list[str], group_of: NDArray[np.int64]) -> str:
     """Return the script: one volume in each surface."""
+    n = len(group_of)
     lines = [f'Merge "{surfaces}";', f"For i In {{1:{n}}}", "  Surface Loop(i) = {i};", "  Volume(i) = {i};", "EndFor"]
-    if len(groups) == 1:
-        lines.append(f'Physical Volume("{groups[0]}", 1) = {{1:{n}}};')
-    else:
-        lines += [f'Physical Volume("{word}", {k + 1}) = {{{k + 1}}};' for k, word in enumerate(groups)]
+    members = np.split(np.argsort(group_of, kind="stable") + 1, np.cumsum(np.bincount(group_of))[:-1])
+    for k, (word, volumes) in enumerate(zip(groups, members, strict=True)):
+        told = f"1:{n}" if len(groups) == 1 else ",".join(map(str, volumes.tolist()))
+        lines.append(f'Physical Volume("{word}", {k + 1}) = {{{told}}};')
     return "\n".join([*lines, ""])
 
 
-def _content(packing: Packing, groups: list[str]) -> Iterator[bytes]:
+def _content(packing: Packing, groups: list[str], group_of: NDArray[np.int64]) -> Iterator[bytes]:
     grains = packing.grains
     n = len(packing)
     yield b"$MeshFormat\n4.1 0 8\n$EndMeshFormat\n"
@@ -79,8 +92,8 @@ def _content(packing: Packing, groups: list[str]) -> Iterator[bytes]:
     yield f"$Entities\n0 0 {n} 0\n".encode()
     for first, part in stretches(packing):
         tags = range(first + 1, first + len(part) + 1)
-        groups_of = tags if len(groups) > 1 else [1] * len(part)
-        rows = zip(tags, _boxes(part), groups_of, strict=True)
+        own = (group_of[first : first + len(part)] + 1).tolist()
+        rows = zip(tags, _boxes(part), own, strict=True)
         yield "".join(f"{tag} {box} 1 {group} 0\n" for tag, box, group in rows).encode()
     yield f"$EndEntities\n$Nodes\n{n} {len(grains.vertices)} 1 {len(grains.vertices)}\n".encode()
     for first, part in stretches(packing):

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from exporters.check import check_choice, check_name, grain_names, measured, stretches
+from exporters.check import check_choice, check_name, class_texts, grain_names, measured, stretches
 from exporters.text import filled
 from exporters.units import check_units, chosen_units, factors_of
 from grainsdem.geometry.integrals import volumes
@@ -60,6 +60,8 @@ def files(
 ) -> dict[str, bytes | Iterable[bytes]]:
     """Return the one file: vertices with nine significant digits, one object ``g000000`` a grain.
 
+    Where grains have classes, grain by grain group ``class_2`` says which.
+
     Raises
     ------
     InputError
@@ -89,5 +91,5 @@ def _objects(packing: Packing, origin: str, length: float) -> Iterator[bytes]:
         # Vertices are counted through the file, from one.
         starts = n_before[first : first + len(part)]
         faces = filled("f %d %d %d\n", cut.indices + np.repeat(starts, counts)[:, None] + 1, counts)
-        rows = zip(names[first : first + len(part)], vertices, faces, strict=True)
-        yield "".join([f"o {name}\n{points}{corners}" for name, points, corners in rows]).encode()
+        rows = zip(names[first : first + len(part)], class_texts(part, "g class_%d\n"), vertices, faces, strict=True)
+        yield "".join([f"o {name}\n{group}{points}{corners}" for name, group, points, corners in rows]).encode()

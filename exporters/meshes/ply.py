@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 MOST_CORNERS = 255
 """Corners of a face that its one byte can count; VTK takes no wider count."""
 
-TRIANGLE = np.dtype([("count", "u1"), ("corners", "<i4", 3), ("grain", "<i4")])
-"""One triangle of the file."""
+TRIANGLE = [("count", "u1"), ("corners", "<i4", 3), ("grain", "<i4")]
+"""What the file has of one triangle; its grain's class comes after that, where grains have classes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,6 +58,8 @@ def files(
 ) -> dict[str, Iterator[bytes]]:
     """Return the one file: vertices in metres, and faces with the property ``grain``.
 
+    Where grains have classes, that of a face's grain is its property ``class``.
+
     Raises
     ------
     InputError
@@ -83,6 +85,7 @@ def _content(packing: Packing, options: PlyOptions) -> Iterator[bytes]:
         f"element face {n_faces}",
         "property list uchar int vertex_indices",
         "property int grain",
+        *(["property int class"] if packing.classes is not None else []),
         "end_header",
     ]
     yield ("\n".join(header) + "\n").encode()
@@ -90,31 +93,37 @@ def _content(packing: Packing, options: PlyOptions) -> Iterator[bytes]:
         yield world_vertices(part).astype("<f8" if options.double else "<f4").tobytes()
     faces = _polygons if options.polygons else _triangles
     for first, part in stretches(packing):
-        yield faces(part.grains, first, grains.vertex_offsets[first : first + len(part)]).tobytes()
+        marks = np.arange(first, first + len(part))[:, None]
+        if part.classes is not None:
+            marks = np.column_stack([marks, part.classes])
+        yield faces(part.grains, marks, grains.vertex_offsets[first : first + len(part)]).tobytes()
 
 
-def _triangles(grains: Polyhedra, first: int, starts: NDArray[np.int64]) -> NDArray[Any]:
-    """Return the triangles of grains whose first has a number, and whose vertices start where it is said."""
+def _triangles(grains: Polyhedra, marks: NDArray[np.int64], starts: NDArray[np.int64]) -> NDArray[Any]:
+    """Return the triangles of grains with some numbers each, whose vertices start where it is said."""
     cut = triangles(grains, apexes=best_apexes(grains))
     ids = owners(cut.offsets)
-    records = np.empty(len(ids), dtype=TRIANGLE)
+    records = np.empty(len(ids), dtype=[*TRIANGLE, ("class", "<i4")][: 2 + marks.shape[1]])
     records["count"] = 3
     records["corners"] = cut.indices + starts[ids][:, None]
-    records["grain"] = first + ids
+    for name, numbers in zip(("grain", "class"), marks.T, strict=False):
+        records[name] = numbers[ids]
     return records
 
 
-def _polygons(grains: Polyhedra, first: int, starts: NDArray[np.int64]) -> NDArray[Any]:
-    """Return the faces of such grains as bytes: how many corners in one, the corners and the grain in four each."""
+def _polygons(grains: Polyhedra, marks: NDArray[np.int64], starts: NDArray[np.int64]) -> NDArray[Any]:
+    """Return the faces of such grains as bytes: how many corners in one, the corners and the marks in four each."""
     grains = _counted_by_a_byte(grains)
     ids = owners(grains.face_offsets)
     counts = np.diff(grains.face_vertex_offsets)
     corners = grains.face_vertices.astype(np.int64) + np.repeat(starts[ids], counts)
-    heads = 4 * grains.face_vertex_offsets[:-1] + 5 * np.arange(counts.size)
-    content = np.empty(4 * corners.size + 5 * counts.size, dtype=np.uint8)
+    besides = 1 + 4 * marks.shape[1]
+    heads = 4 * grains.face_vertex_offsets[:-1] + besides * np.arange(counts.size)
+    content = np.empty(4 * corners.size + besides * counts.size, dtype=np.uint8)
     content[heads] = counts
-    _put(content, heads + 4 * counts + 1, first + ids)
-    _put(content, 4 * np.arange(corners.size) + np.repeat(5 * np.arange(counts.size) + 1, counts), corners)
+    for k, numbers in enumerate(marks.T):
+        _put(content, heads + 4 * counts + 1 + 4 * k, numbers[ids])
+    _put(content, 4 * np.arange(corners.size) + np.repeat(besides * np.arange(counts.size) + 1, counts), corners)
     return content
 
 

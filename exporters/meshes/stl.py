@@ -15,6 +15,7 @@ from exporters.check import (
     STRETCH,
     check_choice,
     check_name,
+    class_texts,
     grain_names,
     measured,
     refuse,
@@ -105,7 +106,8 @@ def files(
 ) -> dict[str, bytes | Iterable[bytes]]:
     """Return the surface of all grains, and for binary ``bed.triangles.csv``.
 
-    The table has a row a grain: its number, its first triangle, its number of triangles.
+    The table has a row a grain: its number, its first triangle, its number of triangles, and where grains have classes
+    its own. In ASCII a solid's name is followed by its class, ``solid g000007 class 2``.
 
     Raises
     ------
@@ -124,7 +126,7 @@ def files(
         return {f"{name}{suffix}": _ascii(packing, plan)}
     return {
         f"{name}{suffix}": _binary(packing, plan),
-        f"{name}{TABLE}": _table(plan.counts),
+        f"{name}{TABLE}": _table(plan.counts, packing.classes),
     }
 
 
@@ -286,24 +288,30 @@ def _binary(packing: Packing, plan: _Plan) -> Iterator[bytes]:
         yield _records(part.corners, part.normals)
 
 
-def _table(counts: Offsets) -> Iterator[bytes]:
-    """Yield which triangles are which grain's."""
-    yield b"grain,first_triangle,n_triangles\n"
-    table = np.stack([np.arange(counts.size), np.cumsum(counts) - counts, counts], axis=1)
+def _table(counts: Offsets, classes: NDArray[np.int32] | None) -> Iterator[bytes]:
+    """Yield which triangles are which grain's, and of which class it is."""
+    columns = {"grain": np.arange(counts.size), "first_triangle": np.cumsum(counts) - counts, "n_triangles": counts}
+    if classes is not None:
+        columns["class"] = classes.astype(np.int64)
+    yield (",".join(columns) + "\n").encode()
+    table = np.column_stack(list(columns.values()))
+    pattern = ",".join(["%d"] * len(columns)) + "\n"
     for start in range(0, counts.size, STRETCH):
         rows = table[start : start + STRETCH]
-        yield "".join(filled("%d,%d,%d\n", rows, np.ones(len(rows), dtype=np.int64))).encode()
+        yield "".join(filled(pattern, rows, np.ones(len(rows), dtype=np.int64))).encode()
 
 
 def _ascii(packing: Packing, plan: _Plan, number: int = 0) -> Iterator[bytes]:
     """Yield ASCII STL, one solid a grain, named from a number on."""
     names = [f"g{i:06d}" for i in range(number, number + len(packing))]
     unit = "" if plan.length == 1.0 else f" unit {plan.length!r} m"
+    classes = class_texts(packing, " class %d")
     for first, part in _surfaces(packing, plan):
         numbers = np.concatenate([part.normals[:, None, :], part.corners.astype(np.float64)], axis=1)
         bodies = filled(_FACET, numbers, np.diff(part.offsets))
-        rows = zip(names[first:], bodies, strict=False)  # names of the stretches after this one are left over
-        yield "".join([f"solid {name}{unit}\n{body}endsolid {name}\n" for name, body in rows]).encode()
+        # Names of the stretches after this one are left over.
+        rows = zip(names[first:], classes[first:], bodies, strict=False)
+        yield "".join([f"solid {name}{own}{unit}\n{body}endsolid {name}\n" for name, own, body in rows]).encode()
 
 
 def _one_a_grain(
@@ -319,6 +327,7 @@ def _one_a_grain(
             packing.quaternions[i : i + 1],
             packing.densities[i : i + 1],
             packing.domain,
+            classes=packing.classes_of(slice(i, i + 1)),
         )
         plan = _planned(alone, volumes[i : i + 1], options.origin, length)
         yield from _binary(alone, plan) if options.binary else _ascii(alone, plan, i)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from exporters.check import check_choice, check_name, grain_names, measured, stretches
+from exporters.check import check_choice, check_name, class_texts, grain_names, measured, stretches
 from exporters.text import filled
 from grainsdem.geometry.rotations import world_vertices
 from grainsdem.geometry.triangles import best_apexes, triangles
@@ -79,6 +79,8 @@ def files(
 ) -> dict[str, bytes]:
     """Return the one file: object ``g000000`` and so on in their places, numbered from 1 as the format demands.
 
+    The part number of an object is the class of its grain, where grains have classes.
+
     Raises
     ------
     InputError
@@ -117,10 +119,11 @@ def _model(packing: Packing, unit: str) -> Iterator[str]:
         world = world_vertices(part) / UNITS[unit]
         vertices = filled('<vertex x="%.9g" y="%.9g" z="%.9g"/>', world, np.diff(part.grains.vertex_offsets))
         faces = filled('<triangle v1="%d" v2="%d" v3="%d"/>', cut.indices, np.diff(cut.offsets))
+        numbers = class_texts(part, ' partnumber="class %d"')
         yield "".join(
-            f'<object id="{i + 1}" name="{names[i]}" type="model"><mesh><vertices>{corners}</vertices>'
+            f'<object id="{i + 1}" name="{names[i]}"{number} type="model"><mesh><vertices>{corners}</vertices>'
             f"<triangles>{body}</triangles></mesh></object>\n"
-            for i, corners, body in zip(itertools.count(first), vertices, faces)
+            for i, number, corners, body in zip(itertools.count(first), numbers, vertices, faces)
         )
     items = "".join(f'<item objectid="{i + 1}"/>' for i in range(len(packing)))
     yield f"</resources>\n<build>{items}</build>\n</model>\n"

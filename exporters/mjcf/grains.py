@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from exporters.check import grain_names, measured, refuse, stretches
+from exporters.check import class_texts, grain_names, measured, refuse, stretches
 from exporters.container import GRAIN_COLOURS, colours_of, shades
 from exporters.mjcf.surfaces import surfaces
 from exporters.rest import rest_of
@@ -39,7 +39,7 @@ _PLANAR = (
     '<joint name="%s_turn" type="hinge" axis="0 0 1"/>'
 )
 _BODY = """\
-    <body name="%s" pos="%s" quat="%s" childclass="grain">%s
+    <body name="%s" pos="%s" quat="%s" childclass="grain"%s>%s
       <inertial pos="%s" quat="%s" mass="%s" diaginertia="%s"/><geom name="%s" %s %s%s/>
     </body>"""
 
@@ -167,6 +167,7 @@ def bodies(bed: Bed) -> Iterator[str]:
             names,
             table_of_text(positions, digits=digits),
             table_of_text(part.quaternions, digits=12),
+            class_texts(part, ' user="%d"'),
             [joint % ((name,) * joint.count("%s")) for name in names],
             table_of_text(bed.centres[first:last]),
             table_of_text(bed.axes[first:last].round(15), digits=12),

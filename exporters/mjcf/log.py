@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import warnings
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
@@ -21,3 +23,31 @@ def quiet() -> Iterator[list[str]]:
         yield messages
     finally:
         mujoco.set_mju_user_warning(before)
+
+
+@contextmanager
+def compiling() -> Iterator[list[str]]:
+    """Collect all that is said while a file of others is compiled; not for threads, whose warnings it would take."""
+    said: list[str] = []
+    with quiet() as messages, _mute(), warnings.catch_warnings(record=True) as heard:
+        warnings.simplefilter("always")
+        yield said
+        said += [*messages, *(" ".join(str(one.message).split()) for one in heard)]
+
+
+@contextmanager
+def _mute() -> Iterator[None]:
+    """Keep what C code writes to the error stream off it: Qhull tells of every flat mesh in forty lines."""
+    try:
+        kept = os.dup(2)
+    except OSError:  # there is none
+        yield
+        return
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)

@@ -80,7 +80,7 @@ class MjcfOptions:
         Units of the file: median diameters with density and gravity one; metres, kilograms and seconds; or another
         length, in metres, with kilograms and seconds. MuJoCo refuses moments of inertia below 1e-15, which quartz in SI
         has under about 0.45 mm.
-    colour : {"mineral", "id", "diameter"} or array_like
+    colour : {"mineral", "id", "diameter", "class"} or array_like
         Colour of each grain: see `exporters.container`.
     shapes : {"hulls", "spheres"}, optional
         The grains, or spheres of equal volume, with the inertia of spheres (in planar beds of discs). Where grains

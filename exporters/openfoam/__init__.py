@@ -94,7 +94,7 @@ class OpenFoamOptions:
 Options = OpenFoamOptions
 
 LOSES = (
-    "Grains are one surface, with contacts treated as the case's report says; which triangle is which grain's is lost.",
+    "Grains are one surface, with contacts treated as the case's report says: triangles know neither grain nor class.",
     "Masses and poses are not carried.",
 )
 """What the format does not carry."""

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import json
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, Field, ValidationError
 
-from grainsdem.errors import FileFormatError, InputError, MissingFileError
-from grainsdem.options import explained, number
+from grainsdem.errors import FileFormatError, InputError, MissingFileError, shown
+from grainsdem.foreign import json_object, refusing
+from grainsdem.model.arrays import LONGEST, SHORTEST
 
 if TYPE_CHECKING:
     import os
-
-Number = Annotated[float, Field(allow_inf_nan=False), BeforeValidator(number)]
 
 STEADY = 1e-3
 """Largest relative change of the flow rate over the last tenth of the iterations of a flow that is steady."""
@@ -95,45 +93,42 @@ def flow(folder: str | os.PathLike[str]) -> Flow:
             raise MissingFileError(f"{path}: not there; export a case and run its Allrun first")
     case = _case(folder / "case.json")
     rates = _rates(folder)
-    axis = "xyz".index(case.axis)
-    length = case.upper[axis] - case.lower[axis]
-    velocity = float(rates[-1]) / (case.volume / length)
-    permeability = velocity * case.viscosity * length / case.kinematic_pressure_drop
+    axis = "xyz".index(case["axis"])
+    length = float(case["upper"][axis] - case["lower"][axis])
+    velocity = float(rates[-1]) / (case["volume"] / length)
+    permeability = velocity * case["viscosity"] * length / case["kinematic_pressure_drop"]
     late = rates[-max(len(rates) // 10, 2) :]
     return Flow(
         velocity=velocity,
         permeability=permeability,
-        kozeny_carman=kozeny_carman(case.mean_diameter, case.porosity),
-        reynolds=velocity * case.mean_diameter / case.viscosity,
+        kozeny_carman=kozeny_carman(case["mean_diameter"], case["porosity"]),
+        reynolds=velocity * case["mean_diameter"] / case["viscosity"],
         is_steady=bool(len(rates) > 1 and np.ptp(late) <= STEADY * abs(late[-1])),
     )
 
 
-class _Case(BaseModel):
-    """What is needed of ``case.json``."""
-
-    axis: Literal["x", "y", "z"]
-    lower: tuple[Number, Number, Number]
-    upper: tuple[Number, Number, Number]
-    volume: Annotated[Number, Field(gt=0)]
-    viscosity: Annotated[Number, Field(gt=0)]
-    kinematic_pressure_drop: Annotated[Number, Field(gt=0)]
-    mean_diameter: Annotated[Number, Field(gt=0)]
-    porosity: Annotated[Number, Field(gt=0, lt=1)]
-
-
-def _case(path: Path) -> _Case:
-    """Return what a case says of itself, or raise `FileFormatError` where it is none of ours."""
-    try:
-        case = _Case.model_validate(json.loads(path.read_text(encoding="utf-8")))
-    except ValidationError as error:
-        raise FileFormatError(f"{path}: not the case of an export: {explained(error, lambda _: _Case)}") from error
-    except (OSError, ValueError, RecursionError) as error:
-        raise FileFormatError(f"{path}: not the case of an export: {' '.join(str(error).split())}") from error
-    axis = "xyz".index(case.axis)
-    if not case.upper[axis] > case.lower[axis]:
-        raise FileFormatError(f"{path}: not the case of an export: its upper corner is not above its lower one")
+def _case(path: Path) -> dict[str, Any]:
+    """Return what our exporter noted of a case, or raise `FileFormatError` where it is not what that notes."""
+    with refusing(path, "not the notes of a case"):
+        case = json_object(path.read_text(encoding="utf-8"))
+        if case.get("axis") not in ("x", "y", "z"):
+            raise FileFormatError(f"axis must be 'x', 'y' or 'z'; got {shown(case.get('axis'))}")
+        for name in ("lower", "upper"):
+            if not (isinstance(case.get(name), list) and len(case[name]) == 3 and all(map(_is_number, case[name]))):
+                raise FileFormatError(f"{name} must be three numbers; got {shown(case.get(name))}")
+        for name in ("volume", "viscosity", "kinematic_pressure_drop", "mean_diameter", "porosity"):
+            if not (_is_number(case.get(name)) and case[name] > SHORTEST):
+                raise FileFormatError(f"{name} must be a number above 0; got {shown(case.get(name))}")
+        if not case["porosity"] < 1:
+            raise FileFormatError(f"porosity must be below 1; got {case['porosity']}")
+        axis = "xyz".index(case["axis"])
+        if not case["upper"][axis] - case["lower"][axis] > SHORTEST:
+            raise FileFormatError(f"upper must be above lower along {case['axis']}")
     return case
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < LONGEST
 
 
 def _rates(folder: Path) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
@@ -143,11 +138,9 @@ def _rates(folder: Path) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     )
     if not found:
         raise MissingFileError(f"{folder / 'postProcessing'}: holds no flow rate; run the case's Allrun first")
-    try:
-        lines = [line for line in found[-1].read_text(encoding="utf-8").splitlines() if line.partition("#")[0].strip()]
-        rates = np.loadtxt(lines or ["none"], comments="#", ndmin=2)[:, 1]
-        if not np.isfinite(rates).all():
-            raise ValueError("a rate is not finite")  # noqa: TRY301  (told below, like all)
-    except (OSError, ValueError, IndexError) as error:
-        raise FileFormatError(f"{found[-1]}: not a table of flow rates: {error}") from error
+    with refusing(found[-1], "not a table of flow rates"), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of a table without rows
+        rates = np.loadtxt(found[-1], comments="#", ndmin=2)[:, 1]
+        if not (rates.size and np.isfinite(rates).all()):
+            raise FileFormatError("it must hold a flow rate or more, all finite")
     return np.asarray(rates, dtype=np.float64)

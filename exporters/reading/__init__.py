@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.errors import FileFormatError, MissingFileError
+from grainsdem.foreign import refusing
 from grainsdem.gate import gated
 from grainsdem.geometry.rotations import world_vertices
 
@@ -61,7 +62,9 @@ def read(path: str | os.PathLike[str]) -> Packing:
         raise FileFormatError(f"{path}: files are read from {', '.join(READERS)}; got {path.suffix or 'no suffix'!r}")
     if not path.is_file():
         raise MissingFileError(f"{path}: no such file")
-    packing: Packing = import_module(READERS[path.suffix.lower()]).read(path)
+    # What overflows is infinite, which validation names.
+    with refusing(path, "damaged or incomplete"), np.errstate(all="ignore"):
+        packing: Packing = import_module(READERS[path.suffix.lower()]).read(path)
     return packing.with_step("read", format=path.suffix.lower())
 
 

@@ -6,13 +6,14 @@ normals and textures say nothing about that.
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from exporters.reading.pieces import connected, open_objects, places, tell, within
-from exporters.reading.rebuild import from_soup, unit_of
-from grainsdem.errors import FileFormatError
+from exporters.reading.rebuild import from_soup, unit_of, with_classes
+from grainsdem.errors import FileFormatError, shown
 from grainsdem.ragged import offsets_from_counts, take_indices
 
 if TYPE_CHECKING:
@@ -23,8 +24,13 @@ if TYPE_CHECKING:
 
     from grainsdem.model import Packing
 
+_CLASS = re.compile(r"class_(\d{1,9})")
+
 IS_LOCAL = False
 ROUNDINGS = 1
+
+_MOST = 2**62
+"""Number of a vertex that fits into what numbers are kept in."""
 
 
 class _Mesh(NamedTuple):
@@ -35,6 +41,7 @@ class _Mesh(NamedTuple):
     offsets: NDArray[np.int64]
     objects: NDArray[np.int64]
     names: list[str]
+    classes: NDArray[np.int64]
 
 
 def read(path: Path) -> Packing:
@@ -52,7 +59,9 @@ def read(path: Path) -> Packing:
     rows, offsets = take_indices(mesh.offsets, order)
     head = text.partition("\n")[0]
     length = unit_of(head) if head.startswith("#") else 1.0
-    return from_soup(path, mesh.vertices[mesh.corners[rows]], offsets, grain_of[order], length)
+    packing = from_soup(path, mesh.vertices[mesh.corners[rows]], offsets, grain_of[order], length)
+    _, first = np.unique(grain_of, return_index=True)
+    return with_classes(packing, mesh.classes[first])
 
 
 def _grains(mesh: _Mesh) -> NDArray[np.int64]:
@@ -93,18 +102,25 @@ def _parsed(path: Path, text: str) -> _Mesh:
     lines: list[int] = []
     object_of: list[int] = []
     names = ["before the first"]
+    own, classes = -1, []
     for line, words in _statements(text):
         if words[0] == "v":
             try:
                 points.append((float(words[1]), float(words[2]), float(words[3])))
             except (ValueError, IndexError) as error:
-                raise FileFormatError(f"{path}, line {line}: a vertex has three numbers; got {words[1:]}") from error
+                raise FileFormatError(
+                    f"{path}, line {line}: a vertex has three numbers; got {shown(words[1:])}"
+                ) from error
         elif words[0] == "f":
             loop = _loop(path, line, words[1:], len(points))
             corners += loop
             counts.append(len(loop))
             lines.append(line)
             object_of.append(len(names) - 1)
+            classes.append(own)
+        elif words[0] == "g":
+            found = _CLASS.fullmatch(" ".join(words[1:]))
+            own = int(found[1]) if found else -1
         elif words[0] == "o":
             names.append(" ".join(words[1:]) or "without a name")
     loops = np.array(corners, dtype=np.int64)
@@ -118,7 +134,8 @@ def _parsed(path: Path, text: str) -> _Mesh:
     with np.errstate(over="ignore"):  # beyond single precision it is infinite, which validation names
         vertices = np.array(points, dtype=np.float64).reshape(-1, 3).astype(np.float32)
     used, dense = np.unique(np.array(object_of, dtype=np.int64), return_inverse=True)
-    return _Mesh(vertices, loops, offsets, dense.ravel(), [names[k] for k in used])
+    told = np.array(classes, dtype=np.int64)
+    return _Mesh(vertices, loops, offsets, dense.ravel(), [names[k] for k in used], told)
 
 
 def _loop(path: Path, line: int, words: list[str], n_before: int) -> list[int]:
@@ -127,13 +144,15 @@ def _loop(path: Path, line: int, words: list[str], n_before: int) -> list[int]:
         numbers = [int(word.partition("/")[0]) for word in words]
     except ValueError as error:
         raise FileFormatError(
-            f"{path}, line {line}: a corner is a number of a vertex, as v, v/vt, v//vn or v/vt/vn; got {words}"
+            f"{path}, line {line}: a corner is a number of a vertex, as v, v/vt, v//vn or v/vt/vn; got {shown(words)}"
         ) from error
     if len(numbers) < 3:
         raise FileFormatError(f"{path}, line {line}: a face has three corners or more; got {len(numbers)}")
+    if max(numbers) > _MOST:
+        raise FileFormatError(f"{path}, line {line}: a face names vertex {shown(max(numbers))}; no file has so many")
     if 0 in numbers or min(numbers) < -n_before:
         bad = next(number for number in numbers if number == 0 or number < -n_before)
         raise FileFormatError(
-            f"{path}, line {line}: a face names vertex {bad}; they count from 1, or back from -1 to -{n_before}"
+            f"{path}, line {line}: a face names vertex {shown(bad)}; they count from 1, or back from -1 to -{n_before}"
         )
     return [number - 1 if number > 0 else number + n_before for number in numbers]

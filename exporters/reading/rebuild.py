@@ -9,18 +9,23 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from grainsdem.errors import FileFormatError, name_offenders
+from grainsdem.errors import FileFormatError, name_offenders, shown
 from grainsdem.geometry.integrals import integrate, volumes
 from grainsdem.geometry.rotations import identity_quaternions
 from grainsdem.model import QUARTZ_DENSITY, Domain, Packing, Polyhedra
+from grainsdem.model.arrays import LONGEST, SHORTEST
 from grainsdem.ragged import offsets_from_counts, owners
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
     Floats = NDArray[np.float64]
+
+
+_UNIT = re.compile(r"^\s*(#|grainsdem,)?\s*unit\b|\bunit\s+([-+.\d]|\S+\s+m\b)")
+"""A first line that says what length is one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,10 +122,27 @@ def from_soup(
     return placed(shapes, positions, identity_quaternions(n), QUARTZ_DENSITY * volumes(shapes))
 
 
+def with_classes(packing: Packing, numbers: ArrayLike) -> Packing:
+    """Return a packing whose grains have classes, or as it is where one of the numbers is no class."""
+    told = np.asarray(numbers)
+    is_class = told.size == len(packing) and bool(((told >= 0) & (told == np.floor(told)) & (told < 2**31)).all())
+    return replace(packing, classes=told.astype(np.int32)) if is_class else packing
+
+
 def unit_of(line: str) -> float:
-    """Return what length [m] is one, as our writers say in the first line where it is not a metre."""
-    found = re.search(r"\bunit (\d+(?:\.\d+)?(?:e[-+]?\d+)?) m\b", line)
-    return float(found[1]) if found else 1.0
+    """Return what length [m] is one, as our writers say in the first line where it is not a metre.
+
+    Another's line may speak of a unit, too: a name that holds the word says nothing, a number behind it does.
+    """
+    if not _UNIT.search(line):
+        return 1.0
+    told = re.search(r"\bunit\s+(\d+(?:\.\d+)?(?:e[-+]?\d+)?)\s+m\b", line)
+    length = float(told[1]) if told else 0.0
+    if not SHORTEST <= length <= LONGEST:
+        raise FileFormatError(
+            f"the unit in its first line must be a length above 0, such as 'unit 0.001 m'; got {shown(line.strip())}"
+        )
+    return length
 
 
 def _about_centroids(shapes: Polyhedra, positions: Floats) -> tuple[Polyhedra, Floats]:
@@ -137,5 +159,9 @@ def _box_around(shapes: Polyhedra, positions: Floats) -> Domain:
     owner = owners(shapes.vertex_offsets)
     radii = np.zeros(len(shapes))
     np.fmax.at(radii, owner, np.linalg.norm(shapes.vertices, axis=1))
-    lower, upper = np.nanmin(positions - radii[:, None], axis=0), np.nanmax(positions + radii[:, None], axis=0)
+    held = np.isfinite(positions).all(axis=1) & np.isfinite(radii)
+    if not held.any():
+        raise FileFormatError("none of its grains has vertices that are all finite")
+    lower = (positions - radii[:, None])[held].min(axis=0)
+    upper = (positions + radii[:, None])[held].max(axis=0)
     return Domain(lower, np.maximum(upper, np.nextafter(lower, np.inf)))

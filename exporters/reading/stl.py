@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import re
+import warnings
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from exporters.meshes.stl import RECORD, TABLE
 from exporters.reading.pieces import connected, places, tell, within
-from exporters.reading.rebuild import from_soup, unit_of
-from grainsdem.errors import FileFormatError
+from exporters.reading.rebuild import from_soup, unit_of, with_classes
+from grainsdem.errors import FileFormatError, shown
 from grainsdem.ragged import owners
 
 if TYPE_CHECKING:
@@ -32,18 +34,23 @@ def read(path: Path) -> Packing:
     n = int.from_bytes(content[80:84], "little")
     if len(content) == 84 + RECORD.itemsize * n:
         corners = np.frombuffer(content, RECORD, offset=84)["corners"]
-        table = path.with_name(path.stem + TABLE)
-        grain_of = (
-            _from_table(table, len(corners)) if table.is_file() else _pieces(corners, np.zeros(n, dtype=np.int64))
-        )
-        return _gathered(path, corners, grain_of, content[:80].decode("latin-1"))
+        table, head = path.with_name(path.stem + TABLE), content[:80].decode("latin-1")
+        if not table.is_file():
+            return _gathered(path, corners, _pieces(corners, np.zeros(n, dtype=np.int64)), head)
+        grain_of, classes = _from_table(table, len(corners))
+        packing = _gathered(path, corners, grain_of, head)
+        return packing if classes is None else with_classes(packing, classes)
     text = content.decode("utf-8-sig", "replace")
     if not text.lstrip().lower().startswith("solid"):
         raise FileFormatError(f"{path}: neither ASCII STL nor binary STL of {n} triangles; it has {len(content)} bytes")
     corners, solids, names = _from_text(path, text)
     grain_of = _pieces(corners, solids)
     tell(path, "solids", names, solids, grain_of)
-    return _gathered(path, corners, grain_of, text.lstrip().partition("\n")[0])
+    packing = _gathered(path, corners, grain_of, text.lstrip().partition("\n")[0])
+    told = [re.search(r"\bclass (\d{1,9})\b", name) for name in names]
+    _, first = np.unique(grain_of, return_index=True)
+    own = [told[solid] for solid in solids[first].tolist()]
+    return packing if None in own else with_classes(packing, [int(found[1]) for found in own if found])
 
 
 def _gathered(path: Path, corners: NDArray[np.float32], grain_of: NDArray[np.int64], head: str) -> Packing:
@@ -74,24 +81,32 @@ def _from_text(path: Path, text: str) -> tuple[NDArray[np.float32], NDArray[np.i
             try:
                 points.append((float(words[1]), float(words[2]), float(words[3])))
             except (ValueError, IndexError) as error:
-                raise FileFormatError(f"{path}, line {number}: a vertex has three numbers; got {words[1:]}") from error
+                raise FileFormatError(
+                    f"{path}, line {number}: a vertex has three numbers; got {shown(words[1:])}"
+                ) from error
         elif word == "endfacet":
+            if not names:
+                raise FileFormatError(f"{path}, line {number}: a facet before the first solid")
             solid_of.append(len(names) - 1)
             if len(points) != 3 * len(solid_of):
                 raise FileFormatError(f"{path}, line {number}: a facet has three vertices")
+    if len(points) != 3 * len(solid_of):
+        raise FileFormatError(f"{path}: ends within a facet: it has {len(points)} vertices, and {len(solid_of)} facets")
     with np.errstate(over="ignore"):  # beyond single precision it is infinite, which validation names
         corners = np.array(points, dtype=np.float64).astype(np.float32).reshape(len(solid_of), 3, 3)
     used, dense = np.unique(np.array(solid_of, dtype=np.int64), return_inverse=True)
     return corners, dense.ravel(), [names[k] for k in used]
 
 
-def _from_table(table: Path, n_triangles: int) -> NDArray[np.int64]:
-    """Return the grain of each triangle as the side table says."""
+def _from_table(table: Path, n_triangles: int) -> tuple[NDArray[np.int64], NDArray[np.int64] | None]:
+    """Return the grain of each triangle as the side table says, and each grain's class where it tells them."""
     try:
-        _, first, counts = np.loadtxt(table, delimiter=",", skiprows=1, dtype=np.int64, ndmin=2).T
-    except ValueError as error:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of a table without rows
+            _, first, counts, *classes = np.loadtxt(table, delimiter=",", skiprows=1, dtype=np.int64, ndmin=2).T
+    except (ValueError, OverflowError) as error:
         raise FileFormatError(f"{table}: not a table of grain, first triangle, number of triangles") from error
     offsets = np.append(first, n_triangles)
-    if first[0] != 0 or (counts < 1).any() or (np.diff(offsets) != counts).any():
+    if not first.size or first[0] != 0 or (counts < 1).any() or (np.diff(offsets) != counts).any():
         raise FileFormatError(f"{table}: its grains are not those of the {n_triangles} triangles beside it")
-    return owners(offsets)
+    return owners(offsets), classes[0] if classes else None

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from exporters.reading.rebuild import Shape, gather, placed, refuse_several
+from exporters.reading.rebuild import placed, with_classes
+from exporters.reading.stages import arrays
+from grainsdem.apart import read_apart
 from grainsdem.errors import FileFormatError
-from grainsdem.model import Domain
+from grainsdem.model import Domain, Polyhedra
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -20,41 +22,16 @@ ROUNDINGS = 1
 
 
 def read(path: Path) -> Packing:
-    """Read the rigid bodies of a stage, in metres and kilograms whatever its units."""
-    from pxr import Tf, Usd, UsdGeom, UsdPhysics
+    """Read the rigid bodies of a stage, in metres and kilograms whatever its units, in another process."""
+    import pxr  # noqa: F401  (told here where it is not installed)
 
-    try:
-        stage = Usd.Stage.Open(str(path))
-    except Tf.ErrorException as error:
-        raise FileFormatError(f"{path}: pxr does not open it: {str(error).strip().splitlines()[-1].strip()}") from error
-    length, unit_mass = UsdGeom.GetStageMetersPerUnit(stage), UsdPhysics.GetStageKilogramsPerUnit(stage)
-    cache = UsdGeom.XformCache()
-    bodies = [prim for prim in stage.Traverse() if prim.HasAPI(UsdPhysics.RigidBodyAPI)]
-    found = [(body, prim) for body in bodies for prim in Usd.PrimRange(body) if prim.IsA(UsdGeom.Mesh)]
-    refuse_several(path, [str(body.GetPath()) for body, _ in found])
-    shapes, positions, quaternions, masses = [], [], [], []
-    for body, mesh in found:
-        shapes.append(_shape(UsdGeom.Mesh(mesh), length))
-        pose = cache.GetLocalToWorldTransform(body)
-        turn = pose.ExtractRotationQuat()
-        positions.append([x * length for x in pose.ExtractTranslation()])
-        quaternions.append([turn.GetReal(), *turn.GetImaginary()])
-        masses.append((UsdPhysics.MassAPI(body).GetMassAttr().Get() or 0.0) * unit_mass)
-    polyhedra = gather(path, shapes)
-    turns = np.array(quaternions)
-    turns /= np.linalg.norm(turns, axis=1, keepdims=True)
-    return placed(polyhedra, np.array(positions), turns, np.array(masses), _domain(stage))
-
-
-def _shape(mesh: Any, length: float) -> Shape:
-    points = np.array(mesh.GetPointsAttr().Get(), dtype=np.float64).reshape(-1, 3) * length
-    corners = np.array(mesh.GetFaceVertexIndicesAttr().Get(), dtype=np.int32)
-    return Shape(points, corners, np.array(mesh.GetFaceVertexCountsAttr().Get(), dtype=np.int32))
-
-
-def _domain(stage: Any) -> Domain | None:
-    """Return the domain that our writer notes in the layer, or None."""
-    noted = stage.GetRootLayer().customLayerData.get("grainsdem", {})
-    if "domainLower" not in noted:
-        return None
-    return Domain(np.array(noted["domainLower"]), np.array(noted["domainUpper"]), np.array(noted["domainPeriodic"]) > 0)
+    found = read_apart(arrays, path)
+    names = ("vertices", "vertex_offsets", "face_offsets", "face_vertices", "face_vertex_offsets")
+    shapes = Polyhedra(*(found[name] for name in names))
+    positions, turns = found["poses"][:, :3], found["poses"][:, 3:]
+    norms = np.linalg.norm(turns, axis=1, keepdims=True)
+    if not (np.isfinite(found["poses"]).all() and (norms > 0).all()):
+        raise FileFormatError(f"{path}: its bodies must have places and turns of finite numbers")
+    domain = Domain(found["lower"], found["upper"], found["periodic"]) if "lower" in found else None
+    packing = placed(shapes, positions, turns / norms, found["masses"], domain)
+    return with_classes(packing, found["classes"]) if "classes" in found else packing

@@ -38,7 +38,7 @@ class UsdOptions:
     walls : {"box", "floor", "none"}
         Container from the packing's domain: floor and four walls, floor only, or nothing. A wall of a periodic axis
         stands where the outermost grain ends. A planar bed is held in its plane by two smooth walls more.
-    colour : {"mineral", "id", "diameter"} or array_like
+    colour : {"mineral", "id", "diameter", "class"} or array_like
         Display colour of each grain: see `exporters.container`.
     units : {"si", "mm", "grain"} or float
         Units of the stage, which it says itself: metres and kilograms; a length in metres with kilograms; or median

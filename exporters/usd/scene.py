@@ -29,6 +29,9 @@ if TYPE_CHECKING:
 # Thickness of the container's boxes in median diameters: nothing passes a wall in one step.
 _WALL_THICKNESS = 2.0
 
+CLASS = "primvars:grainClass"
+"""Name of the primvar that holds the class of a grain, where grains have classes; materials may read it."""
+
 _HULL = (
     "PhysicsCollisionAPI", "PhysicsMeshCollisionAPI", "PhysxConvexHullCollisionAPI", "NewtonCollisionAPI",
     "NewtonMeshCollisionAPI",
@@ -246,6 +249,8 @@ def _hull(bed: Bed) -> Prim:
         return np.stack(ends, axis=1)
 
     two, one = np.full(len(grains), 2), np.ones(len(grains), dtype=np.int64)
+    classes = bed.packing.classes
+    own = {} if classes is None else {CLASS: Attribute("int", Column.of(classes), "constant")}
     return Prim(name="shape", kind="Mesh", schemas=_HULL, attributes={
         "points": Attribute("point3f[]", Column(points, np.diff(vertices))),
         "faceVertexCounts": Attribute("int[]", Column(counts, np.diff(faces))),
@@ -257,4 +262,5 @@ def _hull(bed: Bed) -> Prim:
         "physxConvexHullCollision:minThickness": Attribute("float", 1e-3 * bed.diameter),
         "newton:contactGap": Attribute("float", bed.gap),
         "primvars:displayColor": Attribute("color3f[]", Column(lambda first, last: bed.colours[first:last], one)),
+        **own,
     })  # fmt: skip

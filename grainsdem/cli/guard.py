@@ -20,7 +20,7 @@ import typer
 from rich.console import Console
 
 from grainsdem.atomic import check_place
-from grainsdem.errors import GrainsDEMError, InputError, RefusedError, ValidationError
+from grainsdem.errors import GrainsDEMError, InputError, RefusedError, ValidationError, printable
 from grainsdem.options import LARGEST, SMALLEST
 
 if TYPE_CHECKING:
@@ -115,7 +115,7 @@ def tell_usage(error: Any) -> None:
 def complain(line: str) -> None:
     """Print one line to the error stream."""
     with suppress(OSError):
-        err.print(" ".join(line.split()), markup=False, highlight=False, style="red" if err.is_terminal else None)
+        err.print(printable(" ".join(line.split())), highlight=False, style="red" if err.is_terminal else None)
 
 
 def silence() -> None:

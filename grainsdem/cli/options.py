@@ -13,8 +13,8 @@ import typer
 
 import grainsdem
 from grainsdem.cli.guard import err, out
-from grainsdem.errors import FileFormatError, InputError
-from grainsdem.toml import read_toml
+from grainsdem.errors import FileFormatError, InputError, printable
+from grainsdem.foreign import toml
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -55,7 +55,7 @@ Rng = Annotated[int, typer.Option(help="Seed of everything that is random.", min
 def telling(*, shown: bool) -> Iterator[None]:
     """Print what the library logs while the block runs, such as what a run will take."""
     handler = logging.Handler(logging.INFO)
-    handler.emit = lambda record: err.print(record.getMessage(), markup=False, highlight=False)  # type: ignore[method-assign]
+    handler.emit = lambda record: err.print(printable(record.getMessage()), highlight=False)  # type: ignore[method-assign]
     handler.addFilter(lambda record: record.levelno < logging.WARNING)  # those are printed already
     logger = logging.getLogger("grainsdem")
     before = logger.level
@@ -102,7 +102,7 @@ def keyed(items: list[str]) -> dict[str, Any]:
         if not (key and equals):
             raise InputError(f"an option is written as key=value; got {item!r}")
         try:
-            found[key] = read_toml(f"value = {value}")["value"]
+            found[key] = toml(f"value = {value}")["value"]
         except FileFormatError:
             found[key] = value
     return found

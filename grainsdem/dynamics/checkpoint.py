@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import json
-import zipfile
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from grainsdem.atomic import replacing
-from grainsdem.errors import FileFormatError, InputError
+from grainsdem.errors import InputError
+from grainsdem.foreign import array_of, json_object, refusing
 from grainsdem.storage import HistoryWriter, load_history, load_surroundings
 
 if TYPE_CHECKING:
@@ -78,15 +78,12 @@ def load_checkpoint(path: Path, identity: Mapping[str, Any]) -> Checkpoint:
     InputError
         If it belongs to another packing, engine, or options.
     """
-    try:
-        # Opened here: numpy leaves a file open that it cannot read.
-        with path.open("rb") as source, np.load(source) as file:
-            state, samples, words = file["state"], file["samples"], json.loads(str(file["words"]))
+    with refusing(path, "not a checkpoint that a run can go on from"):
+        state, samples = array_of(path, "state"), array_of(path, "samples")
+        words = json_object(str(array_of(path, "words", kinds="U")))
         found = Checkpoint(state, samples, words["memory"], words["identity"], words["n_frames"])
         if words["version"] != VERSION:
-            raise ValueError(f"version {words['version']}; {VERSION} is needed")  # noqa: TRY301  (told below, like all)
-    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
-        raise FileFormatError(f"{path}: not a checkpoint that a run can go on from: {error}") from error
+            raise ValueError(f"version {words['version']}; {VERSION} is needed")
     other = sorted(key for key in {*identity, *found.identity} if identity.get(key) != found.identity.get(key))
     if other:
         given = ", ".join(f"{key} {_short(identity.get(key))}, was {_short(found.identity.get(key))}" for key in other)

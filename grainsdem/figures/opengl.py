@@ -74,7 +74,7 @@ def _add_grains(pv: Any, plotter: Any, scene: Scene) -> None:
         "position_y": 0.25,
         "width": 0.05,
         "height": 0.5,
-        "n_labels": 5,
+        "n_labels": 0 if scene.steps else 5,
         "fmt": "%#.3g",
         "color": INK,
     }
@@ -82,6 +82,8 @@ def _add_grains(pv: Any, plotter: Any, scene: Scene) -> None:
         mesh,
         scalars="value",
         cmap=scene.colors,
+        n_colors=len(scene.steps) or 256,
+        annotations={float(k): word for k, word in enumerate(scene.steps)},
         clim=scene.limits,
         show_scalar_bar=scene.label is not None,
         scalar_bar_args=scale,

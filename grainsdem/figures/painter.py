@@ -48,7 +48,8 @@ def draw(scene: Scene, path: Path, size: tuple[int, int]) -> None:
     axes = figure.add_subplot()
     axes.set_aspect("equal")
     axes.set_axis_off()
-    scale = ScalarMappable(Normalize(*scene.limits), mpl.colormaps[scene.colors])
+    colors = mpl.colormaps[scene.colors]
+    scale = ScalarMappable(Normalize(*scene.limits), colors.resampled(len(scene.steps)) if scene.steps else colors)
     lights = list(zip(scene.directions([way for way, _ in LIGHTS]), [strength for _, strength in LIGHTS], strict=True))
     polygons, shades = _faces(scene.packing, view, scale.to_rgba(scene.values)[:, :3], lights)
     behind, before = _outline(scene, view)
@@ -66,6 +67,8 @@ def draw(scene: Scene, path: Path, size: tuple[int, int]) -> None:
     if scene.label is not None:
         bar = figure.colorbar(scale, ax=axes, shrink=0.5, aspect=18, pad=0.02)
         bar.set_label(scene.label, color=INK)
+        if scene.steps:
+            bar.set_ticks(range(len(scene.steps)), labels=scene.steps)
         bar.outline.set_visible(False)
     figure.savefig(path, format="png", metadata={"Software": None})
 

@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 N_LAYERS = 5
 """How many layers, or columns, are told apart by colour."""
 
+MOST_STEPS = 12
+"""Most classes that have a colour each on their scale."""
+
 HALVES = "coolwarm"
 """Colours of two halves: blue on the left, red on the right."""
 
@@ -65,6 +68,8 @@ class Scene(NamedTuple):
         Corners [m] and triangles of what is around the grains.
     outline : (ndarray, ndarray), optional
         Corners [m] of the container, where its outline is drawn.
+    steps : tuple of str
+        Words beside the scale, where it has one colour for each of the values 0, 1, … and none between them.
     """
 
     packing: Packing
@@ -79,6 +84,7 @@ class Scene(NamedTuple):
     is_turning: bool = False
     bodies: tuple[tuple[NDArray[np.float64], NDArray[np.int32]], ...] = ()
     outline: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
+    steps: tuple[str, ...] = ()
 
     @property
     def is_flat(self) -> bool:
@@ -108,7 +114,10 @@ def set_scene(packing: Packing, color_by: str | ArrayLike, view: View | None = N
     if view not in get_args(View):
         raise InputError(f"view must be one of {', '.join(get_args(View))}; got {view!r}")
     values, label, colors = _quantity(packing, color_by)
-    low, high = float(values.min()), float(values.max())
+    steps = _steps(values) if isinstance(color_by, str) and color_by == "class" else ()
+    if steps:
+        values = np.unique(values, return_inverse=True)[1].ravel().astype(np.float64)
+    low, high = (-0.5, len(steps) - 0.5) if steps else (float(values.min()), float(values.max()))
     if high - low <= 1e-9 * max(abs(low), abs(high)):  # one value: the middle of a narrow scale
         low, high = low - (0.01 * abs(low) or 1.0), high + (0.01 * abs(high) or 1.0)
     if colors == HALVES:  # the ends of its scale are dark
@@ -120,8 +129,14 @@ def set_scene(packing: Packing, color_by: str | ArrayLike, view: View | None = N
     upper[up] = max(min(upper[up], top), domain.lower[up] + 1e-3 * domain.lengths[up])
     return Scene(
         packing, domain.lower, upper, values, (low, high), colors, label, view, _frame(is_planar)[2],
-        outline=(domain.lower, upper),
+        outline=(domain.lower, upper), steps=steps,
     )  # fmt: skip
+
+
+def _steps(classes: NDArray[np.float64]) -> tuple[str, ...]:
+    """Return the numbers of classes as words, or nothing where they are too many to be told apart by colour."""
+    numbers = np.unique(classes)
+    return tuple(f"{number:.0f}" for number in numbers.tolist()) if numbers.size <= MOST_STEPS else ()
 
 
 _KINDS = ("id", "class", "halves", "layers", "columns")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from grainsdem.errors import ShapeError, name_offenders
+from grainsdem.errors import InputError, ShapeError, name_offenders
 from grainsdem.model.arrays import Noun
 
 if TYPE_CHECKING:
@@ -60,6 +60,7 @@ class CellLinks(Noun):
         neighbors = self.freeze("neighbors", np.int32, None)
         self.freeze("shifts", np.int8, neighbors.size, 3)
         n = self.freeze("cell_volumes", np.float64, None).size
+        self._hold_finite("cell_volumes")
         if (self.sites is None) != (self.heights is None):
             raise ShapeError("links must have both sites and heights, or neither")
         if self.sites is None:
@@ -68,7 +69,17 @@ class CellLinks(Noun):
         self.freeze("heights", np.float64, neighbors.size)
         if self.rooms is None:
             object.__setattr__(self, "rooms", np.full(n, np.inf))
-        self.freeze("rooms", np.float64, n)
+        rooms = self.freeze("rooms", np.float64, n)
+        self._hold_finite("sites", "heights")
+        if np.isnan(rooms).any():
+            raise InputError("rooms of links must be numbers; some are not")
+
+    def _hold_finite(self, *names: str) -> None:
+        """Raise `InputError` where one of these arrays is not finite."""
+        for name in names:
+            bad = np.flatnonzero(~np.isfinite(getattr(self, name)).reshape(len(getattr(self, name)), -1).all(axis=1))
+            if bad.size:
+                raise InputError(f"{name} of links must be finite; not so: {name_offenders(bad)}")
 
     def scaled(self, factor: float) -> CellLinks:
         """Return the links of the same cells scaled about the origin."""
@@ -121,7 +132,10 @@ class Packing(Noun):
         n = len(self.grains)
         self.freeze("positions", np.float64, n, 3)
         self.freeze("quaternions", np.float64, n, 4)
-        self.freeze("densities", np.float64, n)
+        densities = self.freeze("densities", np.float64, n)
+        # Not a number is left to validation, which tells whose it is.
+        if n and densities.min() < 0:
+            raise InputError(f"densities must be zero or more; not so: {name_offenders(np.flatnonzero(densities < 0))}")
         if self.frictions is not None:
             own = self.freeze("frictions", np.float64, n)
             bad = np.flatnonzero(~(np.isfinite(own) & (own >= 0)))
@@ -138,6 +152,8 @@ class Packing(Noun):
                 raise ShapeError(
                     f"links must have one neighbour a face: {self.grains.n_faces}; got {self.links.neighbors.size}"
                 )
+            if self.links.neighbors.max(initial=-1) >= n:
+                raise ShapeError(f"links must be to grains 0 to {n - 1}; got one to {self.links.neighbors.max()}")
             if self.links.cell_volumes.size != n:
                 raise ShapeError(f"links must have one cell volume a grain: {n}; got {self.links.cell_volumes.size}")
 

@@ -15,6 +15,7 @@ from grainsdem.geometry.forms.sizes import above_zero
 from grainsdem.geometry.integrals import integrate, volumes
 from grainsdem.geometry.pairs.walls import measure_wall_gaps
 from grainsdem.geometry.separation import bodies, measure_gaps, measure_near, offsets_between
+from grainsdem.model.arrays import check_length
 from grainsdem.packing.carve import subset
 from grainsdem.packing.inset import inset
 
@@ -122,8 +123,7 @@ def heal(
     of these and is refined by halving, as another direction may separate a pair sooner. In a planar bed grains become
     smaller in the plane only.
     """
-    if not (np.isfinite(gap) and gap >= 0):
-        raise InputError(f"gap must be zero or more and finite; got {gap}")
+    check_length("gap", gap, or_zero=True)
     if each not in ("grain", "uniform"):
         raise InputError(f"each must be 'grain' or 'uniform'; got {each!r}")
     if by not in ("scale", "inset"):

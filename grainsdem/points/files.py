@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from grainsdem.atomic import replacing
 from grainsdem.errors import FileFormatError, InputError, MissingFileError, ShapeError, name_offenders
+from grainsdem.foreign import array_of, refusing
 from grainsdem.gate import gated
 from grainsdem.points import text
 from grainsdem.points.check import check_seeds
@@ -118,12 +118,10 @@ def load_array(path: Path, name: str) -> NDArray[np.float64]:
     """Return the numbers of a file whose suffix is known; of several arrays that of the given name."""
     if not path.is_file():
         raise MissingFileError(f"{path}: no such file")
-    try:
-        return _load(path, name)
-    except FileFormatError as error:
-        raise FileFormatError(f"{path}: {error}") from error
-    except (OSError, ValueError, TypeError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise FileFormatError(f"{path}: not an array of numbers: {error}") from error
+    with refusing(path, "not an array of numbers"):
+        if path.suffix.lower() in (".npy", ".npz"):
+            return np.asarray(array_of(path, name), dtype=np.float64)
+        return text.positions(path.read_bytes())
 
 
 @gated
@@ -209,17 +207,3 @@ def _given_box(bounds: ArrayLike, values: NDArray[np.float64]) -> tuple[NDArray[
             f"points must lie within their bounds; {outside.size} of {len(values)} do not: {name_offenders(outside)}"
         )
     return low, high
-
-
-def _load(path: Path, wanted: str) -> NDArray[np.float64]:
-    suffix = path.suffix.lower()
-    if suffix == ".npy":
-        return np.asarray(np.load(path, allow_pickle=False), dtype=np.float64)
-    if suffix == ".npz":
-        with np.load(path, allow_pickle=False) as arrays:
-            names = arrays.files
-            name = wanted if wanted in names else names[0] if len(names) == 1 else None
-            if name is None:
-                raise ValueError(f"expected one array, or one named {wanted!r}; got {', '.join(names)}")
-            return np.asarray(arrays[name], dtype=np.float64)
-    return text.positions(path.read_bytes())

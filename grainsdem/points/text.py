@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.errors import FileFormatError
+from grainsdem.foreign import hold_words
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -54,7 +55,10 @@ def decoded(content: bytes) -> str:
     """
     for mark, encoding in _MARKS.items():
         if content.startswith(mark):
-            return content[len(mark) :].decode(encoding)
+            text = content[len(mark) :].decode(encoding)
+            hold_words(text.encode())
+            return text
+    hold_words(content)
     if b"\0" in content:
         raise FileFormatError("it holds zero bytes: no text, or UTF-16 without a byte-order mark; save it as UTF-8")
     try:
@@ -112,7 +116,9 @@ def listed(content: bytes) -> Floats:
         raise FileFormatError(
             f"one list of numbers is read, one a line; got {most} columns (in a number the decimals follow a point)"
         )
-    cut = [(line[0], field) for line in lines for field in _split(line[1], separator)]
+    cut = [(line[0], field) for line in lines for field in _split(line[1], separator) if field]
+    if not cut:
+        raise FileFormatError("it holds no number")
     return _numbers(cut, [0], "\t")[:, 0]
 
 

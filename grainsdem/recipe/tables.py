@@ -10,6 +10,7 @@ from pydantic import BaseModel, Field, ValidationError, create_model, model_seri
 
 import exporters
 from grainsdem.errors import FileFormatError, InputError, MissingFileError, name_offenders
+from grainsdem.foreign import refusing, toml
 from grainsdem.gate import gated
 from grainsdem.options import explained
 from grainsdem.recipe.base import Table
@@ -20,7 +21,6 @@ from grainsdem.recipe.motion import SettleTable
 from grainsdem.recipe.seeds import SeedsTable
 from grainsdem.recipe.views.images import ImagesTable
 from grainsdem.recipe.views.tables import PlanformTable, SectionTable, VoxelsTable
-from grainsdem.toml import read_toml
 
 if TYPE_CHECKING:
     import os
@@ -261,10 +261,8 @@ def read(path: str | os.PathLike[str]) -> Recipe:
         raise FileFormatError(f"{path}: a recipe is a .toml file; got {path.suffix or 'no suffix'!r}")
     if not path.is_file():
         raise MissingFileError(f"{path}: no such file")
-    try:
+    with refusing(path, "not TOML"):
         recipe = parse(path.read_text(encoding="utf-8-sig"))
-    except (UnicodeDecodeError, FileFormatError) as error:
-        raise FileFormatError(f"{path}: {error}") from error
     recipe = recipe.model_copy(update={"seeds": recipe.seeds.beside(path.parent)})
     tables = {name: table.beside(path.parent) for name, table in recipe.experiments().items() if table is not None}
     recipe = recipe.model_copy(update=tables)
@@ -289,7 +287,7 @@ def _found_beside(table: _Sized, folder: Path) -> _Sized:
 @gated
 def parse(text: str) -> Recipe:
     """Return the recipe that a TOML text holds; errors as in `read`."""
-    tables = read_toml(text)
+    tables = toml(text)
     try:
         return make(**tables)
     except InputError as error:

@@ -11,11 +11,15 @@ import h5py
 import numpy as np
 
 import grainsdem
+from grainsdem.apart import read_apart
 from grainsdem.errors import FileFormatError, MissingFileError, WriteError, name_offenders
+from grainsdem.memory import allow_memory
+from grainsdem.storage.seals import has_signature, is_sealed
+from grainsdem.storage.walking import opened, read_all
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
     from typing import Any
 
     from numpy.typing import NDArray
@@ -26,6 +30,12 @@ SCHEMA_VERSION = "1.0"
 
 RESERVE = 1 << 18
 """Room [bytes] that is kept for what HDF5 writes when it closes a file."""
+
+_SQUEEZED = 1100
+"""How many times more than it is stored as a dataset is at most: what gzip can do."""
+
+_UNWRITTEN = 1 << 28
+"""Bytes of a dataset besides that were not yet written when a run was killed."""
 
 LIBVER = ("v110", "v110")
 """One file format, read by every HDF5 from 1.10 on: bytes repeat, long attributes fit, readers may look on."""
@@ -83,38 +93,81 @@ def writing(path: Path) -> Iterator[None]:
 
 @contextmanager
 def reading(path: str | os.PathLike[str], schema: str) -> Iterator[h5py.File]:
-    """Open a file of the given schema and turn whatever is wrong with it into one clear error."""
+    """Open a file of the given schema and turn whatever is wrong with it into one clear error.
+
+    HDF5 itself is kept from damage, at which it may crash or go round for ever: a file that carries its digest is held
+    against it before HDF5 sees it, and every other one is first read in another process.
+    """
     source = check_suffix(path)
     if not source.is_file():
         raise MissingFileError(f"{source}: no such file")
     try:
-        with _open(source) as file:
+        if not is_sealed(source):
+            _try_once(source)
+        with opened(source) as file:
             _check_schema(source, file, schema)
             yield file
     except (FileFormatError, MissingFileError):
         raise
-    except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
+    except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, OverflowError) as error:
         raise FileFormatError(f"{source}: damaged or incomplete: {_first_line(error)}") from error
 
 
-def read_dataset(file: h5py.File, name: str) -> NDArray[Any]:
+def read_dataset(file: h5py.Group, name: str) -> NDArray[Any]:
     """Return the whole dataset, or raise `KeyError` where there is none."""
-    found = file.get(name)
+    return read_datasets(file, [name])[name]
+
+
+def read_datasets(file: h5py.Group, names: Iterable[str]) -> dict[str, NDArray[Any]]:
+    """Return whole datasets by their names, once it is known that memory holds them all.
+
+    Raises
+    ------
+    KeyError
+        If one is missing.
+    ValueError
+        If one holds no numbers, lies in another file, or they would take too much memory.
+    """
+    found = {name: _dataset(file, name) for name in names}
+    for name, data in found.items():
+        if data.size * data.dtype.itemsize > _SQUEEZED * data.id.get_storage_size() + _UNWRITTEN:
+            raise ValueError(f"dataset {name} says that it is of shape {data.shape}, and nearly all of that is missing")
+    # As they are stored, as they are checked, and what is made of them.
+    allow_memory(sum(data.size * data.dtype.itemsize for data in found.values()), 3, "bytes of its datasets")
+    return {name: np.asarray(data[()]) for name, data in found.items()}
+
+
+def _dataset(file: h5py.Group, name: str) -> h5py.Dataset:
+    """Return a dataset of this very file, whose numbers are in it."""
+    found: Any = file
+    for part in name.split("/"):
+        inside = isinstance(found, h5py.Group)
+        if not inside or not isinstance(found.get(part, getlink=True), h5py.HardLink):
+            raise KeyError(f"dataset {name} is missing")
+        found = found[part]
     if not isinstance(found, h5py.Dataset):
         raise KeyError(f"dataset {name} is missing")
-    return np.asarray(found[()])
+    if found.external or found.is_virtual:
+        raise ValueError(f"dataset {name} lies in another file")
+    kinds = [found.dtype[k] for k in found.dtype.names] if found.dtype.names else [found.dtype]
+    if any(kind.kind not in "biuf" for kind in kinds):
+        raise ValueError(f"dataset {name} must hold numbers; got {found.dtype}")
+    return found
 
 
-def _open(path: Path) -> h5py.File:
-    """Open for reading; a file whose writer is alive or was killed opens only as one that is being written."""
-    if not h5py.is_hdf5(path):
+_tried: dict[tuple[Any, ...], None] = {}
+"""Files that another process has read to their end, as they were then."""
+
+
+def _try_once(path: Path) -> None:
+    """Raise `FileFormatError` where reading all of a file ends another process, or does not end."""
+    if not has_signature(path):
         raise FileFormatError(f"{path}: not an HDF5 file; a file that `save` or a history wrote is needed")
-    try:
-        return h5py.File(path, "r")
-    except OSError as error:
-        if "truncated" in str(error):
-            raise
-        return h5py.File(path, "r", swmr=True)
+    about = path.stat()
+    state = (path.resolve(), about.st_dev, about.st_ino, about.st_size, about.st_mtime_ns)
+    if state not in _tried:
+        read_apart(read_all, path)
+        _tried[state] = None
 
 
 def _check_schema(path: Path, file: h5py.File, schema: str) -> None:

@@ -11,8 +11,9 @@ import numpy as np
 
 from grainsdem.errors import InputError, ShapeError
 from grainsdem.gate import gated
-from grainsdem.storage.hdf5 import LIBVER, check_room, check_suffix, describe, read_dataset, reading, writing
+from grainsdem.storage.hdf5 import LIBVER, check_room, check_suffix, describe, read_datasets, reading, writing
 from grainsdem.storage.packings import packed_arrays, read_packing, write_packing
+from grainsdem.storage.seals import seal
 from grainsdem.storage.surroundings import MOVES, SCHEMA, create_surroundings
 
 if TYPE_CHECKING:
@@ -167,6 +168,8 @@ class HistoryWriter:
                 self.flush()
             finally:
                 self._file.close()
+            with writing(self.path):
+                seal(self.path)
 
     def __enter__(self) -> Self:
         return self
@@ -201,20 +204,21 @@ def load_history(path: str | os.PathLike[str]) -> dict[str, NDArray[np.float64]]
         As in `load`.
     """
     with reading(path, SCHEMA) as file:
-        series = read_dataset(file, "series")
+        framed = [f"frames/{name}" for name in ("times", "positions", "quaternions")] if "frames" in file else []
+        arrays = read_datasets(file, ["series", *framed])
+        series = arrays["series"]
         names = series.dtype.names
-        if names is None:
-            raise ValueError("dataset series has no columns")
+        if names is None or series.ndim != 1 or any(series.dtype[name] != np.float64 for name in names):
+            raise ValueError(f"dataset series must be rows of named numbers; got {series.ndim} axes of {series.dtype}")
         # Rows whose numbers had not reached the disk when a run was killed are all NaN.
         written = ~np.all([np.isnan(series[name]) for name in names], axis=0)
         series = series[: int(np.max(np.flatnonzero(written), initial=-1)) + 1]
         result = {name: np.ascontiguousarray(series[name]) for name in names}
-        if "frames" in file:
-            times = read_dataset(file, "frames/times")
+        if framed:
+            times, positions, quaternions = (arrays[name] for name in framed)
+            _check_frames(times, positions, quaternions)
             n = int(np.argmax(np.isnan(times))) if np.isnan(times).any() else len(times)
-            result["frame_times"] = times[:n]
-            result["positions"] = read_dataset(file, "frames/positions")[:n]
-            result["quaternions"] = read_dataset(file, "frames/quaternions")[:n]
+            result |= {"frame_times": times[:n], "positions": positions[:n], "quaternions": quaternions[:n]}
         return result
 
 
@@ -274,6 +278,17 @@ def _first_size(grains: Packing | None, around: Surroundings | None) -> int:
     arrays += [] if around is None else [around.vertices, around.triangles, around.vertex_bodies]
     # What is compressed may take a little more than it is.
     return sum(array.nbytes + array.nbytes // 100 for array in arrays)
+
+
+def _check_frames(times: NDArray[Any], positions: NDArray[Any], quaternions: NDArray[Any]) -> None:
+    """Raise `ShapeError` unless frames are what a writer makes: the time of one is written after what it holds."""
+    shapes = [array.shape for array in (times, positions, quaternions)]
+    n = positions.shape[1] if positions.ndim == 3 else -1
+    is_real = all(array.dtype == np.float64 for array in (times, positions, quaternions))
+    fits = times.ndim == 1 and positions.shape[1:] == (n, 3) and quaternions.shape[1:] == (n, 4)
+    if not (is_real and fits and min(len(positions), len(quaternions)) >= len(times)):
+        listed = ", ".join(map(str, shapes))
+        raise ShapeError(f"frames must be real, of shapes (t,), (t, n, 3) and (t, n, 4); got {listed}")
 
 
 def _create_series(file: h5py.File, names: list[str]) -> h5py.Dataset:

@@ -6,9 +6,11 @@ import json
 from typing import TYPE_CHECKING, Any
 
 from grainsdem.atomic import replacing
+from grainsdem.errors import shown
 from grainsdem.gate import gated
 from grainsdem.model import CellLinks, Domain, Packing, Polyhedra
-from grainsdem.storage.hdf5 import check_suffix, describe, read_dataset, reading, to_text
+from grainsdem.storage.hdf5 import check_suffix, describe, read_datasets, reading, to_text
+from grainsdem.storage.seals import seal
 from grainsdem.storage.sink import created
 
 if TYPE_CHECKING:
@@ -20,6 +22,9 @@ if TYPE_CHECKING:
 
 SCHEMA = "grainsdem.packing"
 
+_DOMAIN = ("lower", "upper", "periodic", "planes")
+_GRAINS = ("vertices", "vertex_offsets", "face_offsets", "face_vertices", "face_vertex_offsets")
+_POSES = ("positions", "quaternions", "densities")
 _LINKS = ("neighbors", "shifts", "cell_volumes", "sites", "heights", "rooms")
 
 
@@ -52,10 +57,12 @@ def save(packing: Packing, path: str | os.PathLike[str]) -> Path:
     in SI units. The file holds no clock and no path: the same packing gives the same bytes.
     """
     target = check_suffix(path)
-    with replacing(target) as temporary, created(temporary) as file:
-        describe(file, SCHEMA)
-        file.attrs["units"] = "SI: m, kg, s, rad; quaternions (w, x, y, z)"
-        write_packing(file, packing)
+    with replacing(target) as temporary:
+        with created(temporary) as file:
+            describe(file, SCHEMA)
+            file.attrs["units"] = "SI: m, kg, s, rad; quaternions (w, x, y, z)"
+            write_packing(file, packing)
+        seal(temporary)
     return target
 
 
@@ -122,27 +129,36 @@ def packed_arrays(packing: Packing) -> dict[str, NDArray[Any]]:
 
 def read_packing(file: h5py.Group) -> Packing:
     """Read what `write_packing` wrote."""
-    names = ("vertices", "vertex_offsets", "face_offsets", "face_vertices", "face_vertex_offsets")
-    links = None
-    if "links" in file:
-        # Seeds and heights of the cells came later: a file of before has the first three alone.
-        held = _LINKS if "sites" in file["links"] else _LINKS[:3]
-        links = CellLinks(*(read_dataset(file, f"links/{name}") for name in held))
-    lower, upper, periodic, planes = (
-        read_dataset(file, f"domain/{name}") for name in ("lower", "upper", "periodic", "planes")
-    )
+    # Seeds and heights of the cells came later: a file of before has the first three alone.
+    held = () if "links" not in file else _LINKS if "sites" in file["links"] else _LINKS[:3]
+    # Most packings have no friction and no classes of their own, and files of before never have.
+    more = [name for name in ("frictions", "classes") if name in file]
+    names = [*(f"domain/{name}" for name in _DOMAIN), *(f"grains/{name}" for name in _GRAINS), *_POSES]
+    arrays = read_datasets(file, [*names, *(f"links/{name}" for name in held), *more])
+    lower, upper, periodic, planes = (arrays[f"domain/{name}"] for name in _DOMAIN)
     return Packing(
-        Polyhedra(*(read_dataset(file, f"grains/{name}") for name in names)),
-        read_dataset(file, "positions"),
-        read_dataset(file, "quaternions"),
-        read_dataset(file, "densities"),
+        Polyhedra(*(arrays[f"grains/{name}"] for name in _GRAINS)),
+        arrays["positions"],
+        arrays["quaternions"],
+        arrays["densities"],
         Domain(lower, upper, periodic, is_planar=bool(file["domain"].attrs["is_planar"]), planes=planes),
-        links,
-        tuple(json.loads(to_text(file.attrs["provenance"]))),
-        # Most packings have none, and files of before never have.
-        read_dataset(file, "frictions") if "frictions" in file else None,
-        read_dataset(file, "classes") if "classes" in file else None,
+        CellLinks(*(arrays[f"links/{name}"] for name in held)) if held else None,
+        _steps(to_text(file.attrs["provenance"])),
+        arrays.get("frictions"),
+        arrays.get("classes"),
     )
+
+
+def _steps(text: str) -> tuple[str, ...]:
+    """Return the steps of a provenance, or raise `ValueError` where they are not what every reader takes them for."""
+    try:
+        steps = json.loads(text)
+        told = [json.loads(step) for step in steps] if isinstance(steps, list) else [None]
+    except (ValueError, TypeError, RecursionError):
+        told = [None]
+    if not all(isinstance(step, dict) and isinstance(step.get("step"), str) for step in told):
+        raise ValueError(f"provenance must be a list of JSON texts, each an object with its step; got {shown(text)}")
+    return tuple(steps)
 
 
 def _write(file: h5py.Group, name: str, array: NDArray[Any]) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from grainsdem.gate import gated
 from grainsdem.model import Surroundings
-from grainsdem.storage.hdf5 import read_dataset, reading
+from grainsdem.storage.hdf5 import read_dataset, read_datasets, reading
 
 if TYPE_CHECKING:
     import os
@@ -71,11 +71,14 @@ def load_surroundings(path: str | os.PathLike[str]) -> Surroundings | None:
     with reading(path, SCHEMA) as file:
         if GROUP not in file or "frames" not in file:
             return None
+        group = file[GROUP]
+        held = [name for name in MOVES if name in group]
         times = read_dataset(file, "frames/times")
+        arrays = read_datasets(file, [f"{GROUP}/{name}" for name in (*SHAPES, *held)])
         n = int(np.argmax(np.isnan(times))) if np.isnan(times).any() else len(times)
-        shapes: dict[str, NDArray[Any]] = {name: read_dataset(file, f"{GROUP}/{name}") for name in SHAPES}
+        shapes: dict[str, NDArray[Any]] = {name: arrays[f"{GROUP}/{name}"] for name in SHAPES}
         moves: dict[str, NDArray[Any]] = {
-            name: read_dataset(file, f"{GROUP}/{name}")[:n] if name in file[GROUP] else np.empty((n, 0, width))
+            name: arrays[f"{GROUP}/{name}"][:n] if name in held else np.empty((n, 0, width))
             for name, width in MOVES.items()
         }
-        return Surroundings(tuple(map(str, file[GROUP].attrs["names"])), **shapes, **moves)
+        return Surroundings(tuple(map(str, group.attrs["names"])), **shapes, **moves)

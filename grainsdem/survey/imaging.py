@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import logging
+import re
 import time
 from typing import TYPE_CHECKING, Any
 
 import grainsdem
 from grainsdem.atomic import replacing, working_in
-from grainsdem.errors import InputError
+from grainsdem.errors import FileFormatError, InputError
+from grainsdem.foreign import json_object
 from grainsdem.gate import gated
 from grainsdem.measures import write_table
 from grainsdem.measures.planform.counting import names_of_percentiles
@@ -181,8 +183,8 @@ def _begin(folder: Path, recipe: Recipe, table: ImagesTable) -> None:
     about = {"version": grainsdem.__version__, **told}
     if (folder / ABOUT).is_file():
         try:
-            found = json.loads((folder / ABOUT).read_text(encoding="utf-8"))
-        except ValueError:
+            found = json_object((folder / ABOUT).read_text(encoding="utf-8"))
+        except (FileFormatError, UnicodeDecodeError):
             found = None
         if found != about:
             raise InputError(f"{folder}: holds another set of images; {_differing(found, about)}")
@@ -213,7 +215,7 @@ def _kept(folder: Path, header: list[str], table: ImagesTable) -> dict[str, list
     found, rows = read_rows(folder / TRUTH)
     if found != header:
         raise InputError(f"{folder / TRUTH}: has other columns than this set's; give another folder or remove it")
-    whole = [row for row in rows if len(row) == len(header) and not row[-1]]
+    whole = [row for row in rows if len(row) == len(header) and not row[-1] and re.fullmatch(r"\d{1,9}", row[1])]
     numbers = {row[1]: files_of(Picture(int(row[1]), 0), table) for row in whole}
     return {row[1]: row for row in whole if all((folder / name).is_file() for name in numbers[row[1]])}
 

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from grainsdem import recipe as recipes
 from grainsdem.errors import FileFormatError, InputError, MissingFileError, name_offenders
+from grainsdem.foreign import refusing, toml
 from grainsdem.gate import gated
 from grainsdem.recipe.base import flat
 from grainsdem.recipe.changing import put
-from grainsdem.toml import read_toml
 
 if TYPE_CHECKING:
     import os
@@ -164,10 +164,8 @@ def read(
     path = Path(path)
     if not path.is_file():
         raise MissingFileError(f"{path}: no such file")
-    try:
-        tables = read_toml(path.read_text(encoding="utf-8-sig"))  # as Notepad saves it, too
-    except (UnicodeDecodeError, FileFormatError) as error:
-        raise FileFormatError(f"{path}: {error}") from error
+    with refusing(path, "not TOML"):
+        tables = toml(path.read_text(encoding="utf-8-sig"))  # as Notepad saves it, too
     plan = tables.pop("survey", {})
     if not isinstance(plan, dict) or not set(plan) <= {"vary", "combine", "repeats"}:
         raise InputError(f"{path}: the survey table takes vary, combine and repeats; got {plan!r}")
@@ -210,7 +208,7 @@ def parse_vary(items: Sequence[str]) -> dict[str, list[Any]]:
         if not (key and equals and values):
             raise InputError(f"what is varied is written as key=value,value; got {item!r}")
         try:
-            varied[key.strip()] = read_toml(f"values = [{values}]")["values"]
+            varied[key.strip()] = toml(f"values = [{values}]")["values"]
         except FileFormatError:
             varied[key.strip()] = [value.strip() for value in values.split(",")]
     return varied

@@ -12,6 +12,7 @@ import numpy as np
 
 from grainsdem.atomic import replacing
 from grainsdem.errors import FileFormatError, MissingFileError
+from grainsdem.foreign import refusing
 from grainsdem.gate import gated
 
 if TYPE_CHECKING:
@@ -61,8 +62,9 @@ def load(path: str | os.PathLike[str]) -> NDArray[np.void]:
     path = Path(path)
     if not path.is_file():
         raise MissingFileError(f"{path}: no such file")
-    header, *rows = csv.reader(io.StringIO(path.read_text(encoding="utf-8-sig")))
-    if not rows or any(len(row) != len(header) for row in rows):
+    with refusing(path, "not a survey's table"):
+        header, *rows = csv.reader(io.StringIO(path.read_text(encoding="utf-8-sig")))
+    if not rows or any(len(row) != len(header) for row in rows) or len(set(header)) < len(header) or "" in header:
         raise FileFormatError(f"{path}: not a survey's table")
     columns = [_numbers(list(values)) for values in zip(*rows, strict=True)]
     table = np.empty(len(rows), dtype=[(name, column.dtype) for name, column in zip(header, columns, strict=True)])
@@ -75,6 +77,6 @@ def _numbers(texts: list[str]) -> NDArray[Any]:
     for kind in (np.int64, np.float64):
         try:
             return np.array(texts).astype(kind)
-        except ValueError:
+        except (ValueError, OverflowError):
             continue
     return np.array(texts)

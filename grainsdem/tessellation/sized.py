@@ -30,7 +30,7 @@ from grainsdem.roots import raised
 from grainsdem.tessellation.engine.frame import Frame
 from grainsdem.tessellation.engine.full import full_cells
 from grainsdem.tessellation.engine.tree import Tree, build, reweighted
-from grainsdem.tessellation.lloyd import inside
+from grainsdem.tessellation.lloyd import check_rounds, inside
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -52,6 +52,9 @@ MOST_GRADIENTS = 2000
 
 ROUGH = 0.2
 """Relative error of the volumes that is enough before the seeds move again."""
+
+STRENGTHS = (1.0, 0.9, 0.75, 0.5, 0.25, 0.0)
+"""What parts of the weights that the cells had are tried once the seeds have moved."""
 
 
 @runtime_checkable
@@ -129,8 +132,7 @@ def sized_cells(
     """
     if not 0 < tolerance < 1:
         raise InputError(f"tolerance must lie between 0 and 1; got {tolerance}")
-    if relaxations < 0:
-        raise InputError(f"relaxations must be zero or more; got {relaxations}")
+    check_rounds("relaxations", relaxations)
     generator = np.random.default_rng(rng)
     targets = _targets(domain, diameters, n, generator)
     sites = check_seeds(poisson(domain, len(targets), rng=generator) if seeds is None else seeds, domain)
@@ -202,12 +204,37 @@ def solve(
     """Return weights that give the volumes asked for, their cells, and the number of steps taken so far."""
     frame = Frame.of(domain)
     tree = build(frame.inward(sites), weights)
-    # The old weights may leave a moved seed without a cell; they are weakened until all have one, as all have without.
-    for strength in (1.0, 0.9, 0.75, 0.5, 0.25, 0.0):
+    # The old weights may leave a moved seed without a cell, or with one so small that no step leads away from it; they
+    # are weakened until one does, as without weights all have a cell of some size.
+    failure = ConvergenceError("some of the seeds have no cell, even without weights")
+    for strength in STRENGTHS:
         state = _state(tree, frame, strength * weights)
         if state.volumes.min() > 0:
-            weights = strength * weights
-            break
+            start = _Start(domain, frame, tree, sites, strength * weights, state)
+            try:
+                return _descend(start, targets, tolerance, steps, progress)
+            except ConvergenceError as error:
+                failure = error
+                LOG.debug("with %g of the weights before: %s", strength, error)
+    raise failure
+
+
+class _Start(NamedTuple):
+    """Where Newton's method begins."""
+
+    domain: Domain
+    frame: Frame
+    tree: Tree
+    sites: Floats
+    weights: Floats
+    state: _State
+
+
+def _descend(
+    start: _Start, targets: Floats, tolerance: float, steps: int, progress: Callable[[int, float], None] | None
+) -> tuple[Floats, _State, int]:
+    """Return what `solve` does, from weights that leave no cell empty."""
+    domain, frame, tree, sites, weights, state = start
     smallest = 0.5 * min(state.volumes.min(), targets.min())
     worst = float(np.max(np.abs(state.volumes / targets - 1)))
     for _ in range(NEWTON_STEPS):

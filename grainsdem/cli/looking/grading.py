@@ -167,19 +167,14 @@ def _diameters(path: Path) -> NDArray[np.float64]:
 
     import numpy as np
 
-    from grainsdem.errors import FileFormatError, MissingFileError
+    from grainsdem.errors import MissingFileError
+    from grainsdem.foreign import refusing
     from grainsdem.points import text
 
     if not path.is_file():
         raise MissingFileError(f"{path}: no such file")
-    content = text.decoded(path.read_bytes())
-    rows = list(csv.DictReader(content.splitlines()))
-    if rows and {"diameter", "is_counted"} <= set(rows[0]):
-        try:
+    with refusing(path, "not a table of sections"):
+        rows = list(csv.DictReader(text.decoded(path.read_bytes()).splitlines()))
+        if rows and {"diameter", "is_counted"} <= set(rows[0]):
             return np.array([float(row["diameter"]) for row in rows if row["is_counted"] in ("1", "True", "true")])
-        except (TypeError, ValueError) as error:
-            raise FileFormatError(f"{path}: not a table of sections: {error}") from error
-    try:
         return text.listed(path.read_bytes())
-    except FileFormatError as error:
-        raise FileFormatError(f"{path}: {error}") from error

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -55,16 +56,35 @@ def voxels(
             per_diameter=per_diameter,
             region=box,
             phase=phase,
+            surface=box is None,
             progress=lambda share: tell(share, ""),
         )
+    surfaces = {} if math.isnan(file.specific_surface) else {
+        "specific_surface": file.specific_surface, "exact_specific_surface": grainsdem.exact_specific_surface(packing)
+    }  # fmt: skip
+    if surfaces:
+        _tell_coarse("specific surface", **surfaces)
     exact = grainsdem.porosity(packing, region="domain" if box is None else box)
     if json_:
         facts = {"counts": file.counts, "spacing": file.spacing, "porosity": file.porosity, "exact_porosity": exact}
-        print_json({"files": [str(file.path)], **facts})
+        print_json({"files": [str(file.path)], **facts, **surfaces})
     elif not quiet:
         counts, edges = (" × ".join(f"{n:.4g}" for n in row) for row in (file.counts, file.spacing))
-        porosity = f"{file.porosity:.5f} (exact {exact:.5f})"
-        print_facts(out, str(file.path), {"voxels": counts, "edges, m": edges, "porosity": porosity})
+        told = {"voxels": counts, "edges, m": edges, "porosity": f"{file.porosity:.5f} (exact {exact:.5f})"}
+        if surfaces:
+            seen, true = surfaces.values()
+            told["specific surface, 1/m"] = f"{seen:.5g} (exact {true:.5g})"
+        print_facts(out, str(file.path), told)
+
+
+def _tell_coarse(name: str, specific_surface: float, exact_specific_surface: float) -> None:
+    """Warn where the resolution makes a surface wrong."""
+    from grainsdem.measures.voxels import WRONG
+
+    error = specific_surface / exact_specific_surface - 1
+    if abs(error) > WRONG:
+        told = "%s is off by %+.0f %%: the exact value stands beside it; narrow gaps want four voxels"
+        LOG.warning(told, name, 100 * error)
 
 
 @app.command()
@@ -88,7 +108,6 @@ def phases(
     quiet: Quiet = False,
 ) -> None:
     """Measure grains and void as two phases of voxels: porosity, specific surface, chords, two-point correlation."""
-    from grainsdem.measures.voxels import WRONG
     from grainsdem.screen import print_facts
 
     box = None if region is None else (region[:3], region[3:])
@@ -104,12 +123,9 @@ def phases(
         **{f"mean_chord_solid_{axis}": found.mean("solid") for axis, found in chords.items()},
         **{f"mean_chord_void_{axis}": found.mean("void") for axis, found in chords.items()},
     }
-    for name in ("specific_surface", "specific_surface_crofton"):
-        if box is None and abs(facts[name] / facts["specific_surface_exact"] - 1) > WRONG:
-            LOG.warning(
-                "%s is off by %+.0f %%: the exact value stands beside it; narrow gaps want four voxels",
-                name.replace("_", " "), 100 * (facts[name] / facts["specific_surface_exact"] - 1),
-            )  # fmt: skip
+    if box is None:
+        for name in ("specific_surface", "specific_surface_crofton"):
+            _tell_coarse(name.replace("_", " "), facts[name], facts["specific_surface_exact"])
     if table is not None or figure is not None:
         correlation = grainsdem.two_point_correlation(image)
         if table is not None:

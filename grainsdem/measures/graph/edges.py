@@ -50,7 +50,8 @@ def write_edges(
         DuckDB. ``.graphml``: all grains as nodes, for networkx, Gephi and igraph. ``.vtp``: lines between centroids,
         for ParaView.
     packing : Packing, optional
-        Where the grains are; needed for ``.vtp``, and their positions are nodes' attributes in ``.graphml``.
+        Where the grains are; needed for ``.vtp``, and their positions are nodes' attributes in ``.graphml``. Where
+        grains have classes, those of both ends are columns, ``class_i`` and ``class_j``, -1 for a wall.
     columns : mapping of str to array_like, optional
         More of each contact, such as its force: numbers, shape (m,), or vectors, shape (m, 3), which tables have as
         three columns that end in ``_x``, ``_y`` and ``_z``.
@@ -86,6 +87,8 @@ def edges_content(
     for name, values in more.items():
         if values.shape not in ((len(graph),), (len(graph), 3)):
             raise ShapeError(f"{name} must be of shape ({len(graph)},) or ({len(graph)}, 3); got {values.shape}")
+    if packing is not None and packing.classes is not None:
+        more = {**_ends(graph, packing.classes), **more}
     if suffix == ".vtp":
         if packing is None:
             raise ShapeError("lines between grains need packing=: the graph does not know where the grains are")
@@ -98,6 +101,14 @@ def edges_content(
     if suffix == ".parquet":
         return _parquet(graph, flat)
     return (_csv(graph, flat) if suffix == ".csv" else _graphml(graph, packing, flat)).encode()
+
+
+def _ends(graph: ContactGraph, classes: NDArray[np.int32]) -> dict[str, NDArray[Any]]:
+    """Return the class of the grain at each end of a contact; a wall's is -1."""
+    return {
+        f"class_{end}": np.where(ids >= 0, classes[np.maximum(ids, 0)], -1).astype(np.int64)
+        for end, ids in zip("ij", graph.pairs.T, strict=True)
+    }
 
 
 def check_edges(path: str | os.PathLike[str]) -> Path:
@@ -144,6 +155,7 @@ def _parquet(graph: ContactGraph, more: Arrays) -> bytes:
 
 def _graphml(graph: ContactGraph, packing: Packing | None, more: Arrays) -> str:
     names = [*COLUMNS[2:], *more]
+    classes = None if packing is None else packing.classes
     lines = [
         '<?xml version="1.0" encoding="utf-8"?>',
         '<graphml xmlns="http://graphml.graphdrawing.org/xmlns">',
@@ -152,12 +164,14 @@ def _graphml(graph: ContactGraph, packing: Packing | None, more: Arrays) -> str:
             for name in names
         ),
         *(f'<key id="p{axis}" for="node" attr.name="{axis}" attr.type="double"/>' for axis in "xyz"),
+        *([] if classes is None else ['<key id="pclass" for="node" attr.name="class" attr.type="long"/>']),
         '<graph edgedefault="undirected">',
     ]
     walls = np.unique(graph.pairs[graph.is_wall, 0]).tolist()
     places = np.empty((graph.n_grains, 0)) if packing is None else packing.positions
     for grain, place in enumerate(places.tolist()):
         data = "".join(f'<data key="p{a}">{v!r}</data>' for a, v in zip("xyz", place, strict=False))
+        data += "" if classes is None else f'<data key="pclass">{classes[grain]}</data>'
         lines.append(f'<node id="{grain}">{data}</node>')
     lines += [f'<node id="{wall}"/>' for wall in walls]
     for i, j, *values in _rows(graph, more):

@@ -17,7 +17,8 @@ from grainsdem.atomic import replacing
 from grainsdem.errors import FileFormatError, InputError, MissingPackageError
 from grainsdem.gate import gated
 from grainsdem.geometry.raster.lattice import OUTSIDE, VOID, label_blocks
-from grainsdem.measures.voxels.labels import fit_lattice
+from grainsdem.measures.voxels.labels import fit_lattice, spans
+from grainsdem.measures.voxels.surfaces import CrossingTally, has_surface
 from grainsdem.memory import allow_disk, allow_memory
 
 if TYPE_CHECKING:
@@ -47,12 +48,16 @@ class VoxelFile(NamedTuple):
         Edges [m] of a voxel along x, y and z.
     porosity : float
         Share of void among the voxels of the domain; NaN where none is in it.
+    specific_surface : float
+        Surface [m⁻¹] that the voxels have, by crossings, as `specific_surface` finds it; NaN where it was not asked
+        for, or there are fewer than three voxels along an axis.
     """
 
     path: Path
     counts: tuple[int, int, int]
     spacing: tuple[float, float, float]
     porosity: float
+    specific_surface: float = float("nan")
 
 
 @gated
@@ -64,6 +69,7 @@ def write_voxels(
     per_diameter: float | None = None,
     region: tuple[ArrayLike, ArrayLike] | None = None,
     phase: bool = False,
+    surface: bool = False,
     progress: Callable[[float], None] | None = None,
 ) -> VoxelFile:
     """Write which grain each voxel of a box lies in, without ever holding more than a few layers.
@@ -82,13 +88,15 @@ def write_voxels(
     phase : bool
         Whether I(x) is written, 1 in grains and 0 elsewhere, as uint8; else labels, as int32: grain id + 1, 0 in the
         void, -1 outside the domain.
+    surface : bool
+        Whether the surface that the voxels have is found too, which takes two thirds longer.
     progress : callable, optional
         Told the share that is written.
 
     Returns
     -------
     VoxelFile
-        Path, numbers, edges, and the porosity that the voxels have.
+        Path, numbers, edges, and the porosity and the surface that the voxels have.
 
     Raises
     ------
@@ -106,12 +114,17 @@ def write_voxels(
     dtype = np.dtype(np.uint8 if phase else np.int32)
     _allow(target, lattice, dtype)
     tally = np.zeros(2, dtype=np.int64)
+    is_layer = lattice.shape[0] == 1
+    is_counted = surface and has_surface(lattice.shape)
+    crossings = CrossingTally(lattice.spacing, spans(packing, lattice), is_layer=is_layer) if is_counted else None
 
     def blocks() -> Iterator[NDArray[np.generic]]:
         written = 0
         for labels in label_blocks(packing, lattice):
             solid = labels > VOID
             tally[:] += np.count_nonzero(solid), np.count_nonzero(labels != OUTSIDE)
+            if crossings is not None:
+                crossings.add(labels)
             yield solid.astype(np.uint8) if phase else labels
             written += len(labels)
             if progress is not None:
@@ -125,7 +138,9 @@ def write_voxels(
             temporary.write_bytes(_nrrd_header(lattice, dtype, target.name))
     solid, inside = tally.tolist()
     sx, sy, sz = lattice.spacing.tolist()
-    return VoxelFile(target, lattice.counts, (sx, sy, sz), 1 - solid / inside if inside else float("nan"))
+    share = 1 - solid / inside if inside else float("nan")
+    seen = crossings.specific_surface() if crossings is not None and inside else float("nan")
+    return VoxelFile(target, lattice.counts, (sx, sy, sz), share, seen)
 
 
 def _allow(target: Path, lattice: Lattice, dtype: np.dtype[Any]) -> None:

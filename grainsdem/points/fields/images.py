@@ -16,7 +16,9 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 
 from grainsdem.errors import FileFormatError, InputError, MissingFileError, MissingPackageError, ShapeError
+from grainsdem.foreign import refusing
 from grainsdem.gate import gated
+from grainsdem.memory import allow_memory
 from grainsdem.points.fields.density import (
     Axis,
     from_density,
@@ -36,6 +38,9 @@ Light = Literal["coarse", "fine"]
 Region = tuple[int, int, int, int]
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
+
+_A_PIXEL = 100
+"""Bytes that a pixel takes while it is read and toned: colours as they are, as numbers, and copies of greys."""
 
 _BITS, _PHOTOMETRIC, _SAMPLE_FORMAT = 258, 262, 339
 _WHITE_IS_ZERO, _UNSIGNED, _SIGNED = 0, 1, 2
@@ -188,14 +193,9 @@ def _read(path: str | os.PathLike[str]) -> NDArray[Any]:
         from PIL import Image, ImageOps  # noqa: PLC0415  (an extra)
     except ImportError as error:
         raise MissingPackageError("reading images needs Pillow: pip install 'grainsdem[images]'") from error
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # of damage, which is told as an error
-            return _pixels(Image.open(path), ImageOps.exif_transpose)
-    except FileFormatError as error:
-        raise FileFormatError(f"{path}: {error}") from error
-    except Exception as error:  # what decoders raise at damage is each one's own
-        raise FileFormatError(f"{path}: cannot be read as an image: {error}") from error
+    with refusing(path, "cannot be read as an image"), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of damage and of sizes, which are told as errors
+        return _pixels(Image.open(path), ImageOps.exif_transpose)
 
 
 def _pixels(opened: Any, upright: Callable[[Any], Any]) -> NDArray[np.float64]:
@@ -204,6 +204,7 @@ def _pixels(opened: Any, upright: Callable[[Any], Any]) -> NDArray[np.float64]:
         pages = getattr(opened, "n_frames", 1)
         if pages != 1:
             raise FileFormatError(f"an image has one page; got {pages} (a stack is read from .npy)")
+        allow_memory(opened.width * opened.height, _A_PIXEL, "pixels")
         tags = getattr(opened, "tag_v2", {})
         turned = upright(opened)
         if turned.mode in ("L", "F") or turned.mode.startswith("I"):

@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from grainsdem.errors import FileFormatError, InputError, MissingFileError
+from grainsdem.foreign import array_of, refusing
 from grainsdem.measures.distributions.fits import FAMILIES
 from grainsdem.measures.distributions.hyperbolic import LogHyperbolic
 from grainsdem.measures.distributions.normal import LogNormal, Normal
@@ -151,7 +152,9 @@ def _frozen(law: str, parameters: dict[str, float]) -> Any:
     except TypeError as error:
         raise ValueError(f"{law} takes {', '.join(takes)}; got {', '.join(parameters) or 'none'}") from error
     # Outside its parameters' range a distribution of scipy is one of NaNs.
-    if not np.isfinite(found.ppf(0.5)):
+    with np.errstate(all="ignore"):
+        median = found.ppf(0.5)
+    if not np.isfinite(median):
         shown = ", ".join(f"{name} = {value}" for name, value in parameters.items())
         raise ValueError(f"there is no {law} with {shown}")
     return found
@@ -163,13 +166,11 @@ def _read(path: Path) -> Floats:
         raise FileFormatError(f"{path}: sizes are read from {', '.join(SUFFIXES)}; got {path.suffix or 'no suffix'!r}")
     if not path.is_file():
         raise MissingFileError(f"{path}: no such file")
-    try:
+    with refusing(path, "not a list of numbers"):
         if path.suffix.lower() == ".npy":
-            values = np.asarray(np.load(path, allow_pickle=False), dtype=np.float64)
+            values = np.asarray(array_of(path), dtype=np.float64)
         else:
             values = text.listed(path.read_bytes())
-    except (OSError, ValueError, EOFError) as error:
-        raise FileFormatError(f"{path}: not a list of numbers: {error}") from error
     if values.ndim != 1 or values.size == 0:
         raise FileFormatError(f"{path}: sizes are one list of one number or more; got shape {values.shape}")
     return values

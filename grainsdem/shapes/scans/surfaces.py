@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from grainsdem.errors import FileFormatError, name_offenders
+from grainsdem.foreign import refusing
 from grainsdem.geometry.soups import pieces, weld
+from grainsdem.model.arrays import LONGEST
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -53,18 +55,16 @@ def load(path: Path) -> tuple[Floats, Ints]:
     FileFormatError
         If it cannot be read, holds no faces, or vertices that are not finite.
     """
-    try:
+    with refusing(path, f"not a {path.suffix[1:].upper()} file that can be read"), np.errstate(all="ignore"):
         vertices, triangles = _stl(path) or _by_trimesh(path)
-    # A reader meets a broken file with whatever error it runs into.
-    except Exception as error:
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise FileFormatError(f"{path}: not a {path.suffix[1:].upper()} file that can be read: {reason}") from error
     if not len(triangles):
         raise FileFormatError(f"{path}: holds no faces")
     if triangles.min() < 0 or triangles.max() >= len(vertices):
         raise FileFormatError(f"{path}: faces name vertices 0 to {triangles.max()}; the file has {len(vertices)}")
     if not np.isfinite(vertices[triangles]).all():
         raise FileFormatError(f"{path}: has vertices that are not finite")
+    if np.abs(vertices[triangles]).max() > LONGEST:
+        raise FileFormatError(f"{path}: has vertices farther than {LONGEST:g} from the origin")
     return vertices, triangles
 
 
@@ -83,7 +83,9 @@ def _stl(path: Path) -> tuple[Floats, Ints] | None:
 def _by_trimesh(path: Path) -> tuple[Floats, Ints]:
     import trimesh
 
-    mesh: Any = trimesh.load(path, force="mesh", process=False)
+    # From a stream: nothing beside it is looked for.
+    with path.open("rb") as stream:
+        mesh: Any = trimesh.load(stream, file_type=path.suffix[1:].lower(), force="mesh", process=False)
     return np.array(mesh.vertices, np.float64).reshape(-1, 3), np.array(mesh.faces, np.int64).reshape(-1, 3)
 
 

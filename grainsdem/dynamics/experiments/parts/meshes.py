@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from grainsdem.errors import FileFormatError, InputError, MissingFileError
+from grainsdem.foreign import refusing
+from grainsdem.model.arrays import LONGEST
 
 if TYPE_CHECKING:
     import os
@@ -46,9 +48,12 @@ def read_hulls(path: str | os.PathLike[str]) -> list[Floats]:
         raise FileFormatError(f"{path}: a body's mesh is .stl or .obj; got {path.suffix or 'no suffix'!r}")
     if not path.is_file():
         raise MissingFileError(f"{path}: no such file")
-    pieces = _pieces(path)
-    hulls = [_hull(path, piece) for piece in pieces]
-    hollow = [number for number, (piece, hull) in enumerate(zip(pieces, hulls, strict=True)) if _is_hollow(piece, hull)]
+    # What overflows or is no number is refused by its result.
+    with np.errstate(all="ignore"):
+        pieces = _pieces(path)
+        hulls = [_hull(path, piece) for piece in pieces]
+        parted = enumerate(zip(pieces, hulls, strict=True))
+        hollow = [number for number, (piece, hull) in parted if _is_hollow(piece, hull)]
     if hollow:
         which = "it" if len(pieces) == 1 else f"pieces {', '.join(map(str, hollow))}"
         LOG.warning("%s: not convex; %s collides as the convex hull, with its hollows filled", path, which)
@@ -59,11 +64,13 @@ def _pieces(path: Path) -> list[Any]:
     """Return the connected pieces of a file, as trimesh has them."""
     import trimesh
 
-    try:
-        mesh: Any = trimesh.load(path, force="mesh")
+    with refusing(path, "not a mesh"):
+        # From a stream: nothing beside it is looked for.
+        with path.open("rb") as stream:
+            mesh: Any = trimesh.load(stream, file_type=path.suffix[1:].lower(), force="mesh")
+        if not (np.abs(mesh.vertices) < LONGEST).all():
+            raise FileFormatError("its vertices must be finite, and within any length")
         pieces = list(mesh.split(only_watertight=False)) if len(mesh.faces) else []
-    except Exception as error:  # whatever a broken file makes trimesh raise
-        raise FileFormatError(f"{path}: not a mesh: {error}") from error
     if not pieces:
         raise FileFormatError(f"{path}: no mesh: there are no faces in it")
     return pieces

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from grainsdem.errors import FileFormatError, InputError, MissingFileError
+from grainsdem.foreign import refusing
 from grainsdem.gate import gated
 from grainsdem.measures.distributions.sheets.sheet import WHOLE, SieveSheet, Unit, check_unit, opening
 from grainsdem.points import text
@@ -60,10 +61,8 @@ def read_sieves(path: str | os.PathLike[str], *, unit: Unit | None = None, kind:
         raise FileFormatError(f"{file}: sheets are read from {', '.join(SUFFIXES)}; got {file.suffix or 'no suffix'!r}")
     if not file.is_file():
         raise MissingFileError(f"{file}: no such file")
-    try:
+    with refusing(file, "not a sieve sheet"):
         return parse_sieves(text.decoded(file.read_bytes()), unit=unit, kind=kind)
-    except (InputError, FileFormatError, UnicodeDecodeError) as error:
-        raise FileFormatError(f"{file}: {error}") from error
 
 
 def parse_sieves(content: str, *, unit: Unit | None = None, kind: Kind | None = None) -> SieveSheet:

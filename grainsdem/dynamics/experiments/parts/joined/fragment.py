@@ -15,9 +15,10 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from exporters.mjcf.log import quiet
+from exporters.mjcf.log import compiling
 from grainsdem.dynamics.experiments.parts.meshes import HOLLOW
 from grainsdem.errors import FileFormatError, InputError, MissingFileError
+from grainsdem.foreign import refusing
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -123,13 +124,17 @@ def read_fragment(path: str) -> Fragment:
     file = Path(path)
     if not file.is_file():
         raise MissingFileError(f"{file}: no such file")
-    with quiet():
+    with compiling() as told:
         try:
             spec = mujoco.MjSpec.from_file(str(file))
             _make_heavy(spec)
             model = spec.compile()
         except (ValueError, mujoco.FatalError) as error:
             raise FileFormatError(_told(file, str(error))) from error
+    with refusing(file, "its names are not UTF-8"):
+        bytes(model.names).decode()
+    for line in told:
+        LOG.warning("%s: MuJoCo warns of the part: %s", file, line)
     unsupported = [words for count, words in UNSUPPORTED.items() if getattr(model, count, 0)]
     bent = (getattr(model, name, 0) for name in ("jnt_stiffnesspoly", "dof_dampingpoly"))
     if any(np.any(values) for values in bent):
