@@ -483,7 +483,8 @@ TOLD = ("error: ", "refused: ", "check failed: ")
 def wrong(case, status, told, left):
     """Return the kind of fault and a few words, or nothing where a call ended as it should."""
     lines = [line for line in told.splitlines() if line.strip()]
-    mine = [line for line in lines if not line.startswith("warning: ")]
+    # What a run will take, and what is compiled first, is told before it.
+    mine = [line for line in lines if not re.match(r"warning: |compiling kernels|\d+ grains: about ", line)]
     below = next((line for line in lines if re.search(r"\w+Warning: ", line)), "")
     hidden = [name for name in left if Path(name).name.startswith(".")]
     is_refused = case.value == "right" and status and "max_hours" not in told and case.name not in NEVER

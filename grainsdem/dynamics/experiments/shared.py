@@ -37,7 +37,7 @@ CompactionFriction = Annotated[
 
 InertialNumber = Annotated[
     float,
-    option("Rate of strain times d √(ρ/σ): below 1e-3 loading is quasi-static, 1e-2 adds a degree or so.", gt=0),
+    option("Rate of strain times d √(ρ/σ): below 1e-3 loading is quasi-static, 1e-2 adds a degree or so.", gt=0, le=1),
 ]
 
 NormalStress = Annotated[float, option("Load on the lid over its area.", "Pa", gt=0)]
@@ -55,6 +55,7 @@ RollingFriction = Annotated[
         "Coefficient of rolling friction: a contact resists with a torque of at most this times its normal force "
         "times d/2, d being the median diameter; heaps of spheres then come to rest, and steps take longer.",
         ge=0,
+        le=10,
     ),
 ]
 

@@ -7,7 +7,6 @@ References
 
 from __future__ import annotations
 
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -147,7 +146,7 @@ def _allow(target: Path, lattice: Lattice, dtype: np.dtype[Any]) -> None:
     """Raise an error of ours where the voxels have no room on the disk, or a layer of them none in memory."""
     _, ny, nx = lattice.shape
     allow_memory(float(nx) * ny, 64, "voxels of a layer")
-    with suppress(OSError):
+    if target.parent.is_dir():
         n = float(nx) * ny * lattice.shape[0]
         allow_disk(target.parent, n * dtype.itemsize, f"{n:.4g} voxels")
 
