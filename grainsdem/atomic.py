@@ -18,8 +18,15 @@ if TYPE_CHECKING:
 
 
 @contextmanager
-def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
+def replacing(path: str | os.PathLike[str], *, is_held: bool = True) -> Iterator[Path]:
     """Yield a temporary path in the folder of ``path``; move it there when the block ends well, else remove it.
+
+    Parameters
+    ----------
+    path : str or path-like
+        What is written, or replaced.
+    is_held : bool
+        Whether the temporary file is held while the block lasts; what is not must be by whoever writes it.
 
     Raises
     ------
@@ -35,8 +42,10 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
             temporary, handle = claim_one(path.parent, path.stem, path.suffix)
         except NoLocksError:
             handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
+            temporary, is_held = Path(name), False
+        if not is_held:
             os.close(handle)
-            temporary, handle = Path(name), None
+            handle = None
         yield temporary
         temporary.chmod(0o666 & ~_umask())
         temporary.replace(path)

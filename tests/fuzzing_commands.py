@@ -32,7 +32,7 @@ import grainsdem as gd
 from grainsdem.cli import app, main
 from grainsdem.cli.guard import Written
 from grainsdem.recipe.experiments.tables import experiment_tables
-from grainsdem.recipe.tables import recipe_model
+from grainsdem.recipe.tables import VIEWS, recipe_model
 
 PATIENCE = 20
 """Seconds after which a call counts as hung."""
@@ -489,6 +489,7 @@ def wrong(case, status, told, left):
     hidden = [name for name in left if Path(name).name.startswith(".")]
     is_refused = case.value == "right" and status and "max_hours" not in told and case.name not in NEVER
     is_bad = bool(status)
+    is_later = case.name == "run" and case.argument.partition(".")[0] in (*experiment_tables(), "settle", *VIEWS)
     faults = [
         (status is None, "hang", f"{PATIENCE} s"),
         ((status or 0) < 0, "crash", f"signal {status}"),
@@ -499,7 +500,8 @@ def wrong(case, status, told, left):
         (hidden, "left-over", ", ".join(hidden)),
         (is_bad and len(mine) > 1, "several lines", " / ".join(mine)),
         (is_bad and not " ".join(mine).startswith(TOLD), "bare error", " ".join(mine) or "nothing was told"),
-        (status == 2 and left, "left-over", ", ".join(left)),
+        # A recipe whose bed is whole keeps it where an experiment on it is refused.
+        (status == 2 and left and not is_later, "left-over", ", ".join(left)),
     ]
     return next(((kind, words[:200]) for is_so, kind, words in faults if is_so), None)
 

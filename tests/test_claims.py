@@ -170,3 +170,25 @@ def test_a_folder_where_a_recipe_is_being_made_is_refused_to_another(tmp_path):
     with pytest.raises(InputError, match="cells touch a wall"):
         run(make(seeds={"count": 2}, grains={"scale": 0.9}), tmp_path / "none")
     assert names(tmp_path) == ["out"]
+
+
+BEGUN = """
+import os, signal, sys
+import h5py
+from grainsdem.storage import HistoryWriter
+with HistoryWriter(sys.argv[1], ["time"]) as history:
+    history.append(time=1.0)
+h5py.File.flush = lambda _: os.kill(os.getpid(), signal.SIGKILL)
+HistoryWriter(sys.argv[1], ["time"])
+"""
+
+
+def test_a_history_that_is_killed_while_it_begins_leaves_the_one_before_it(tmp_path):
+    ended = subprocess.run([sys.executable, "-c", BEGUN, tmp_path / "run.h5"], check=False)
+    assert ended.returncode == -signal.SIGKILL
+    assert load_history(tmp_path / "run.h5")["time"].tolist() == [1.0]
+    with HistoryWriter(tmp_path / "run.h5", ["time"]) as history:
+        history.append(time=2.0)
+        history.flush()
+        assert load_history(tmp_path / "run.h5")["time"].tolist() == [2.0]  # while it is being written
+    assert names(tmp_path) == ["run.h5"]

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Mapping
+from contextlib import nullcontext
 from typing import TYPE_CHECKING, Any, Self
 
 import h5py
 import numpy as np
 
+from grainsdem.atomic import replacing
 from grainsdem.errors import InputError, ShapeError
 from grainsdem.gate import gated
 from grainsdem.storage.hdf5 import LIBVER, check_room, check_suffix, describe, read_datasets, reading, writing
@@ -17,8 +20,9 @@ from grainsdem.storage.seals import seal
 from grainsdem.storage.surroundings import MOVES, SCHEMA, create_surroundings
 
 if TYPE_CHECKING:
-    import os
     from collections.abc import Iterable
+    from contextlib import AbstractContextManager
+    from pathlib import Path
     from types import TracebackType
 
     from numpy.typing import ArrayLike, NDArray
@@ -93,9 +97,9 @@ class HistoryWriter:
         self._rows: list[tuple[float, ...]] = []
         self._rows_per_chunk = rows_per_chunk
         units = dict(columns) if isinstance(columns, Mapping) else {}
-        with writing(self.path):
+        with writing(self.path), _beginning(self.path) as temporary:
             check_room(self.path, _first_size(grains, around))
-            self._file = h5py.File(self.path, "w", libver=LIBVER, locking="best-effort")
+            self._file = h5py.File(temporary, "w", libver=LIBVER, locking="best-effort")
             describe(self._file, SCHEMA)
             self._file.attrs["units"] = json.dumps(units, ensure_ascii=False)
             self._file.attrs["attributes"] = json.dumps(dict(attributes or {}), ensure_ascii=False, sort_keys=True)
@@ -270,6 +274,14 @@ def load_motion(path: str | os.PathLike[str]) -> dict[str, NDArray[np.float64]]:
     return {
         "times": history["frame_times"], "positions": history["positions"], "quaternions": history["quaternions"],
     }  # fmt: skip
+
+
+def _beginning(path: Path) -> AbstractContextManager[Path]:
+    """Return where a history is begun: a file that is moved to its place once what is in it can be read.
+
+    Windows moves no file that is open, and HDF5 has a lock of its own on one that it begins.
+    """
+    return nullcontext(path) if os.name == "nt" else replacing(path, is_held=False)
 
 
 def _first_size(grains: Packing | None, around: Surroundings | None) -> int:
