@@ -152,7 +152,7 @@ def ensemble(
     options: Annotated[
         list[str] | None, typer.Argument(help="Its options, such as strain=0.3 spheres=true.", show_default=False)
     ] = None,
-    seeds: Annotated[int, typer.Option(help="How many runs, each with a seed of its own.", min=1)] = 5,
+    seeds: Annotated[int, typer.Option(help="How many runs, each with a seed of its own.", min=1, max=10_000)] = 5,
     through: Annotated[
         Literal["auto", "batch", "processes"],
         typer.Option(help="Step runs together (mujoco.batch), or give each a process."),

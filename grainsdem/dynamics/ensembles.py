@@ -36,6 +36,9 @@ CONFIDENCE = 0.95
 """Of every interval: Student's, two-sided."""
 
 
+MOST_SEEDS = 10_000
+"""Runs of an ensemble: intervals get no narrower that are worth the time."""
+
 _OWN = "rng", "history_path", "resume", "progress"
 """Options of an experiment that the ensemble itself gives."""
 
@@ -170,6 +173,8 @@ def ensemble(
     >>> from grainsdem.dynamics import triaxial
     >>> ensemble(triaxial, packing, seeds=5).mean()["peak_friction_angle"]  # doctest: +SKIP
     """
+    if isinstance(seeds, int) and seeds > MOST_SEEDS:
+        raise InputError(f"an ensemble has at most {MOST_SEEDS} seeds; got {seeds:.4g}")
     chosen = tuple(range(seeds)) if isinstance(seeds, int) else tuple(int(seed) for seed in seeds)
     if not chosen or len(set(chosen)) < len(chosen):
         raise InputError(f"an ensemble needs seeds that differ, one at least; got {list(chosen)}")

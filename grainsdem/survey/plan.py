@@ -169,6 +169,8 @@ def read(
     plan = tables.pop("survey", {})
     if not isinstance(plan, dict) or not set(plan) <= {"vary", "combine", "repeats"}:
         raise InputError(f"{path}: the survey table takes vary, combine and repeats; got {plan!r}")
+    if not isinstance(plan.get("vary", {}), dict):
+        raise InputError(f"{path}: survey.vary must be a table of keys and lists of values; got {plan['vary']!r}")
     _find_beside(path.parent, tables)
     varied = {**flat(plan.get("vary", {})), **(vary or {})}
     return Survey(tables, varied, plan.get("combine", "product"), repeats or plan.get("repeats", 1))

@@ -19,6 +19,7 @@ Friction = Annotated[
         "Coefficient of friction among all grains; by default each has its own (`Packing.frictions`), or 0.5 where "
         "there are none.",
         ge=0,
+        le=1000,
     ),
 ]
 
@@ -32,7 +33,7 @@ WallFriction = Annotated[
 
 CompactionFriction = Annotated[
     float | None,
-    option("The same while the bed is compressed: less makes a denser bed; by default as afterwards.", ge=0),
+    option("The same while the bed is compressed: less makes a denser bed; by default as afterwards.", ge=0, le=1000),
 ]
 
 InertialNumber = Annotated[

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import ConfigDict, Field, create_model, model_validator
 
+from grainsdem.dynamics.ensembles import MOST_SEEDS
 from grainsdem.dynamics.experiments.registry import Experiment, known
 from grainsdem.options import STRICT, paths_of
 from grainsdem.recipe.base import Positive, Table
@@ -32,7 +33,7 @@ class ExperimentTable(Table):
     experiment: ClassVar[Experiment]
 
     start: Literal["random", "place"] = "random"
-    seeds: Annotated[int, Field(ge=1)] = 1
+    seeds: Annotated[int, Field(ge=1, le=MOST_SEEDS)] = 1
     max_hours: Positive = 24.0
 
     @model_validator(mode="after")
