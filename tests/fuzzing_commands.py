@@ -492,6 +492,7 @@ def wrong(case, status, told, left):
     hidden = [name for name in left if Path(name).name.startswith(".")]
     is_refused = case.value == "right" and status and "max_hours" not in told and case.name not in NEVER
     is_bad = bool(status)
+    left = [name for name in left if f"it is kept in {name}" not in told]
     is_later = case.name == "run" and case.argument.partition(".")[0] in (*experiment_tables(), "settle", *VIEWS)
     faults = [
         (status is None, "hang", f"{PATIENCE} s"),
