@@ -104,6 +104,7 @@ def packings():
         "provenance-markup": tell('["{\\"step\\":\\"[/bold]\\"}"]'),
         "wrapping-integers": put("grains/face_vertices", np.full(48, 2**62)),
         "density-below-zero": put("densities", [-1.0, 1.0]),
+        "far-rotation": put("quaternions", np.full((2, 4), 1e308)),
         "link-of-nan": lambda file: [put(f"links/{name}", values)(file) for name, values in links.items()],
         "declared-long": declare,
         "complex-positions": put("positions", np.zeros((2, 3), dtype=complex)),
