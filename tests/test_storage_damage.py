@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import time
 
 import h5py
@@ -11,7 +12,7 @@ import pytest
 
 from grainsdem import apart
 from grainsdem.errors import FileFormatError
-from grainsdem.storage import HistoryWriter, hdf5, load, load_history, save
+from grainsdem.storage import HistoryWriter, hdf5, load, load_history, save, seals
 
 SEAL = 83
 """Bytes behind the end of the HDF5 file."""
@@ -94,6 +95,24 @@ def test_a_closed_history_is_sealed_too(unopened, tmp_path):
     path.write_bytes(content)
     with pytest.raises(FileFormatError, match="its bytes are not those that were written"):
         load_history(path)
+
+
+@pytest.mark.unit
+def test_a_history_for_whose_digest_there_is_no_room_is_read_all_the_same(tmp_path):
+    path = tmp_path / "run.h5"
+    with HistoryWriter(path, ["time"]) as history:
+        history.append(time=1.0)
+    content = path.read_bytes()[:-SEAL]
+    path.write_bytes(content)
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (len(content) + 10, before[1]))
+    try:
+        with pytest.raises(OSError, match=r"room|large"):
+            seals.seal(path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert path.read_bytes() == content
+    assert load_history(path)["time"].tolist() == [1.0]
 
 
 @pytest.mark.unit

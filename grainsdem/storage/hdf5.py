@@ -153,6 +153,9 @@ def _dataset(file: h5py.Group, name: str) -> h5py.Dataset:
     return found
 
 
+_MOST_TRIED = 1000
+"""Files that are kept in mind."""
+
 _tried: dict[tuple[Any, ...], None] = {}
 """Files that another process has read to their end, as they were then."""
 
@@ -165,6 +168,8 @@ def _try_once(path: Path) -> None:
     state = (path.resolve(), about.st_dev, about.st_ino, about.st_size, about.st_mtime_ns)
     if state not in _tried:
         read_apart(read_all, path)
+        if len(_tried) >= _MOST_TRIED:  # one that is being written is another file whenever it is looked at
+            _tried.clear()
         _tried[state] = None
 
 
