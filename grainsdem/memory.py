@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 
-from grainsdem.errors import InputError
+from grainsdem.errors import InputError, shown
 
 SHARE = 0.8
 """Of the memory that the machine has: what one call may take."""
@@ -42,6 +42,13 @@ def allowed_memory() -> float:
     if not limit > 0:
         raise InputError(f"{VARIABLE} must be a number of GB above 0; got {told!r}")
     return limit * 1e9
+
+
+def allow_cells(n: int) -> None:
+    """Raise `InputError` unless a number of cells to be grown is one or more, and so many fit in memory."""
+    if n < 1:
+        raise InputError(f"the number of cells must be 1 or more; got {shown(n)}")
+    allow_memory(n, A_CELL, "cells")
 
 
 def allow_memory(n: float, each: float, what: str) -> None:

@@ -130,7 +130,7 @@ def _read(text: str) -> float | dict[str, float]:
 
 
 def _is_coefficient(value: object) -> bool:
-    return _is_number(value) and math.isfinite(value) and value >= 0  # type: ignore[arg-type,operator]
+    return _is_number(value) and 0 <= value < math.inf  # type: ignore[operator]
 
 
 Coefficient = Annotated[float, Field(ge=0)]

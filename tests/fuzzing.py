@@ -23,6 +23,7 @@ import numpy as np
 import exporters
 import grainsdem as gd
 from grainsdem.errors import GrainsDEMError
+from grainsdem.gate.types import checks_of
 
 PATIENCE = 20
 """Seconds after which a call counts as hung."""
@@ -165,6 +166,8 @@ def pool(folder):
         "original": packing,
         "correlation": gd.two_point_correlation(voxels),
         "chords": gd.chord_lengths(voxels),
+        "forms": gd.Forms(elongation=0.7),
+        "pictures": [np.zeros((4, 4))],
         "layers": [gd.Layer(gd.Grading([1e-3, 2e-3], [0.0, 1.0]))],
         "experiment": gd.tilt,
         "friction": 0.5,
@@ -279,6 +282,9 @@ LONG = {
 }  # fmt: skip
 """Functions whose right calls take minutes: they are tried with wrong kinds alone."""
 
+OF_USERS = ("Callable", "PerGrain", "Strength")
+"""Types that functions of users are among."""
+
 PATIENT = {"None", "true", "function", "class"}
 """Kinds that some of their arguments take."""
 
@@ -293,11 +299,14 @@ def tried(folder, words):
         for argument in inspect.signature(function).parameters.values():
             if argument.kind in (argument.VAR_KEYWORD, argument.VAR_POSITIONAL):
                 continue
+            allowed = checks_of(function).get(argument.name, ("", None))[0]
             for word, value in (KINDS if is_long else BAD).items():
                 if is_long and (word in PATIENT or argument.name in ("max_hours", "max_time", "resume", "rng")):
                     continue
+                if is_long and word == "text" and "a path" in allowed:  # which is right: it would run for minutes
+                    continue
                 # A function of the user's own may raise what it likes.
-                if word in ("function", "class") and "Callable" in str(argument.annotation):
+                if word in ("function", "class") and any(name in str(argument.annotation) for name in OF_USERS):
                     continue
                 yield name, argument.name, word, outcome(function, {**right, argument.name: value})
 

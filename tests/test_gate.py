@@ -173,8 +173,8 @@ def test_vertices_beyond_all_lengths_are_refused():
     "make",
     [
         lambda domain: gd.points.poisson(domain, 2**62),
-        lambda domain: gd.points.poisson(domain, 10**22),
-        lambda domain: gd.points.halton(domain, 10**22),
+        lambda domain: gd.points.poisson(domain, 10**15),
+        lambda domain: gd.points.halton(domain, 10**15),
         lambda domain: gd.points.strauss(domain, 10**13, distance=0.1, inhibition=0.5),
         lambda domain: gd.points.strauss_process(domain, distance=0.1, inhibition=0.5, intensity=1e300),
         lambda domain: gd.points.pink_noise(domain, 10, resolution=10**9),
@@ -184,6 +184,35 @@ def test_vertices_beyond_all_lengths_are_refused():
 def test_what_no_memory_holds_is_refused_before_it_is_made(make):
     with pytest.raises(InputError, match=r"would take .* GB, .* GRAINSDEM_MEMORY, in GB, raises the limit"):
         make(gd.Domain.cube())
+
+
+@pytest.mark.parametrize(
+    ("make", "told"),
+    [
+        (lambda domain: gd.points.poisson(domain, 10**4400), "must be a whole number; got one beyond 64 bits"),
+        (
+            lambda domain: gd.relax([[0.5, 0.5, 0.5]], domain, iterations=10**6),
+            "iterations must be zero or more, at most",
+        ),
+        (
+            lambda domain: gd.sized_cells(domain, [1.0, 2.0], relaxations=10**9),
+            "relaxations must be zero or more, at mo",
+        ),
+        (lambda _: gd.load(""), "path must be a path; got an empty one"),
+        (lambda _: gd.fabric_tensor([[1, 0, 0]], weights=[]), r"weights must be .* shape \(m,\); got shape \(0,\)"),
+        (lambda _: gd.fabric_tensor([[1, 0, 0]], weights=[float("nan")]), "weights must be finite and zero or more"),
+        (lambda _: gd.anisotropy([]), r"tensor must be an array of numbers of shape \(3, 3\); got shape \(0,\)"),
+    ],
+)
+def test_what_would_never_end_or_is_empty_gets_one_line(make, told):
+    with pytest.raises(InputError, match=told) as caught:
+        make(gd.Domain.cube())
+    assert "\n" not in str(caught.value)
+
+
+def test_directions_of_any_length_have_one_tensor():
+    axes = np.eye(3) * [[1e308], [1e-308], [1.0]]
+    assert gd.fabric_tensor(axes) == pytest.approx(np.eye(3) / 3)
 
 
 def test_the_limit_of_memory_can_be_set(monkeypatch):

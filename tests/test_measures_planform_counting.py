@@ -66,7 +66,10 @@ def test_the_grid_has_the_points_that_are_asked_for_and_each_finds_its_grain(bed
         assert at == stone["id"] + 1
     np.testing.assert_array_equal(gd.pebble_count(seen, bed, 100, rng=1), stones)
     assert gd.pebble_count(seen, bed, 1, rng=1).size <= 1
-    for wrong in (0, 2.5, True):
+    for wrong in (0, 28_001):
+        with pytest.raises(InputError, match=f"stones must be 1 to 28000, a point in each pixel; got {wrong}"):
+            gd.pebble_count(seen, bed, wrong)
+    for wrong in (2.5, True):
         with pytest.raises(InputError, match="stones must be a whole number"):
             gd.pebble_count(seen, bed, wrong)
 

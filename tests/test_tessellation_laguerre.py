@@ -126,7 +126,7 @@ def test_sizes_that_cannot_be_had_are_refused():
         sized_cells(domain, [1.0, -1.0])
     with pytest.raises(InputError, match="tolerance must lie between 0 and 1; got 0"):
         sized_cells(domain, [1.0, 1.0], tolerance=0)
-    with pytest.raises(InputError, match="relaxations must be zero or more; got -1"):
+    with pytest.raises(InputError, match="relaxations must be zero or more, at most 100000; got -1"):
         sized_cells(domain, [1.0, 1.0], relaxations=-1)
     with pytest.raises(ShapeError, match=r"got shape \(1, 3\) beside diameters of shape \(2,\)"):
         sized_cells(domain, [1.0, 1.0], seeds=[[0.5, 0.5, 0.5]])

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from exporters.check import check_choice
-from grainsdem.errors import InputError, name_offenders
+from grainsdem.errors import InputError, name_offenders, shown
 from grainsdem.gate import gated
 from grainsdem.geometry.integrals import volumes
 from grainsdem.measures import diameters
@@ -205,13 +205,23 @@ def _each(packing: Packing, given: PerGrain, generator: np.random.Generator, wha
     """Return a number for each grain: one for all, drawn by shares, or by its diameter."""
     n = len(packing)
     if isinstance(given, Mapping):
-        kinds, shares = np.array(list(given), float), np.array(list(given.values()), float)
+        kinds, shares = _numbers(list(given), what), _numbers(list(given.values()), f"shares of {what}")
         if not (shares.size and (shares >= 0).all() and shares.sum() > 0):
             raise InputError(f"shares of {what} must be zero or more, and one above it; got {dict(given)}")
         return np.asarray(generator.choice(kinds, n, p=shares / shares.sum()))
     if callable(given):
-        return np.broadcast_to(np.asarray(given(diameters(packing.grains)), float), n)
+        made = _numbers(given(diameters(packing.grains)), what)
+        if made.shape not in ((), (1,), (n,)):
+            raise InputError(f"{what} must be one number a grain, {n}; the function gave shape {made.shape}")
+        return np.broadcast_to(made, n)
     return np.full(n, float(given))
+
+
+def _numbers(values: Any, what: str) -> Floats:
+    try:
+        return np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"{what} must be numbers; got {shown(values)}") from None
 
 
 def _refuse(bad: NDArray[np.bool_], rule: str) -> None:

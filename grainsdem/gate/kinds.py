@@ -36,7 +36,7 @@ def _is_truth(value: object) -> bool:
     return isinstance(value, bool)
 
 
-def _whole(value: Any) -> int:
+def _integer(value: Any) -> int:
     if type(value) is int:
         return value
     if isinstance(value, np.ndarray) and value.ndim == 0:
@@ -44,6 +44,13 @@ def _whole(value: Any) -> int:
     if isinstance(value, Integral) and not _is_truth(value):
         return int(value)
     raise UnfitError
+
+
+def _whole(value: Any) -> int:
+    number = _integer(value)
+    if not -(1 << 63) <= number < 1 << 63:
+        raise UnfitError("got one beyond 64 bits")
+    return number
 
 
 def _yes_or_no(value: Any) -> bool:
@@ -83,6 +90,8 @@ def _function(value: Any) -> Any:
 def _path(value: Any) -> Any:
     if not isinstance(value, str | os.PathLike):
         raise UnfitError
+    if not os.fspath(value):
+        raise UnfitError("got an empty one")
     if "\0" in os.fspath(value):
         raise UnfitError("got one with a zero byte in it")
     return value
@@ -95,7 +104,7 @@ def _or_none(check: Check) -> Check:
 def _seed(value: Any) -> Any:
     if value is None or isinstance(value, np.random.Generator):
         return value
-    number = _whole(value)
+    number = _integer(value)
     if number < 0:
         raise UnfitError
     return number

@@ -37,7 +37,7 @@ def hold_shapes(shapes: Mapping[str, list[tuple[str, ...]]], given: Mapping[str,
     sizes: dict[str, tuple[int, str]] = {}
     for name, allowed in shapes.items():
         value = given.get(name)
-        if not isinstance(value, np.ndarray) or value.shape == (0,):  # of none at all the function tells what it needs
+        if not isinstance(value, np.ndarray) or (value.shape == (0,) and all(map(_may_be_none, allowed))):
             continue
         words = " or ".join(f"({', '.join(shape)}{',' if len(shape) == 1 else ''})" for shape in allowed)
         fit = next((shape for shape in allowed if _is_of(value.shape, shape)), None)
@@ -53,6 +53,11 @@ def hold_shapes(shapes: Mapping[str, list[tuple[str, ...]]], given: Mapping[str,
                     f"{name} must be an array of numbers of shape {words}; got shape {value.shape} beside {whose} of "
                     f"shape {given[whose].shape}"
                 )
+
+
+def _may_be_none(allowed: tuple[str, ...]) -> bool:
+    """Return whether an empty list may stand for so many rows, of which the function tells how many it needs."""
+    return len(allowed) > 1 and not allowed[0][0].isdigit()
 
 
 def _is_of(shape: tuple[int, ...], allowed: tuple[str, ...]) -> bool:

@@ -98,8 +98,8 @@ def core_box(packing: Packing, *, margin: float = 1.0) -> Box:
     nothing, and the box stays below all but the deepest pits. Wider columns would each find one of the highest grains
     of the surface, and put the surface where a bed is half empty already.
     """
-    if margin < 0:
-        raise InputError(f"margin must be zero or more; got {margin}")
+    if not 0 <= margin < np.inf:
+        raise InputError(f"margin must be zero or more and finite; got {margin}")
     if len(packing) == 0:
         raise InputError("a core needs a bed; the packing has no grains")
     domain = packing.domain

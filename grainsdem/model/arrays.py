@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from grainsdem.errors import ShapeError
+from grainsdem.errors import InputError, ShapeError
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -33,6 +33,13 @@ def read_only(name: str, value: ArrayLike, dtype: type, shape: tuple[int | None,
     array = array.view()
     array.flags.writeable = False
     return array
+
+
+def check_length(name: str, value: float, *, or_zero: bool = False) -> None:
+    """Raise `InputError` unless it is a length [m] that can be reckoned with, or zero where that is allowed."""
+    if not (SHORTEST <= value <= LONGEST or (or_zero and value == 0)):
+        rule = "zero, or " if or_zero else ""
+        raise InputError(f"{name} must be {rule}{SHORTEST:g} to {LONGEST:g} m; got {value}")
 
 
 class Noun:

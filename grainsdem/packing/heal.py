@@ -14,6 +14,7 @@ from grainsdem.geometry.bounds import near_images
 from grainsdem.geometry.integrals import integrate
 from grainsdem.geometry.pairs.walls import measure_wall_gaps
 from grainsdem.geometry.separation import bodies, measure_gaps, measure_near, offsets_between
+from grainsdem.model.arrays import check_length
 from grainsdem.packing.carve import subset
 from grainsdem.packing.inset import inset
 
@@ -121,8 +122,7 @@ def heal(
     of these and is refined by halving, as another direction may separate a pair sooner. In a planar bed grains become
     smaller in the plane only.
     """
-    if not (np.isfinite(gap) and gap >= 0):
-        raise InputError(f"gap must be zero or more and finite; got {gap}")
+    check_length("gap", gap, or_zero=True)
     if each not in ("grain", "uniform"):
         raise InputError(f"each must be 'grain' or 'uniform'; got {each!r}")
     if by not in ("scale", "inset"):

@@ -21,10 +21,12 @@ from grainsdem.geometry.integrals import face_planes, integrate, volumes
 from grainsdem.geometry.rotations import identity_quaternions, to_matrices
 from grainsdem.geometry.selection import select
 from grainsdem.model import DROPPED, Packing, Polyhedra
+from grainsdem.model.arrays import check_length
 from grainsdem.points.poisson import uniform
 from grainsdem.ragged import offsets_from_counts, owners, take_indices
 from grainsdem.roots import cube_roots
 from grainsdem.tessellation.ellipsoids import grown
+from grainsdem.tessellation.lloyd import check_rounds
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -95,10 +97,8 @@ def infill(
     bed = _checked(packing)
     if not 0 < share < 1:
         raise InputError(f"share, the fine grains' part of the mass, must lie between 0 and 1; got {share}")
-    if not (np.isfinite(diameter) and diameter > 0):
-        raise InputError(f"diameter must be positive and finite; got {diameter}")
-    if relaxations < 0:
-        raise InputError(f"relaxations must be zero or more; got {relaxations}")
+    check_length("diameter", diameter)
+    check_rounds("relaxations", relaxations)
     content = volumes(bed.grains)
     coarse = float((bed.densities * content).sum())
     own = coarse / float(content.sum()) if density is None else float(density)

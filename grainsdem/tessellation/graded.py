@@ -19,6 +19,7 @@ from grainsdem.gate import gated
 from grainsdem.geometry.forms.boxes import rectangles
 from grainsdem.geometry.forms.holes import square_holes
 from grainsdem.geometry.integrals import volumes
+from grainsdem.memory import allow_cells
 from grainsdem.model import Domain, Grading, Tessellation
 from grainsdem.roots import cube_roots, raised
 from grainsdem.tessellation.sized import Law, resized_cells, sized_cells
@@ -119,6 +120,7 @@ def graded_cells(
     count = n if seeds is None else len(np.asarray(seeds))
     if count is None:
         raise InputError("give n, the number of cells, or seeds")
+    allow_cells(count)
     generator = np.random.default_rng(rng)
     wish = Wish(curve, domain, metric)
     diameters = generator.permutation(wish.draw(count, None, tolerance=None))

@@ -14,10 +14,12 @@ import numpy as np
 
 from grainsdem.errors import InputError
 from grainsdem.gate import gated
+from grainsdem.memory import allow_cells
 from grainsdem.model import Domain, Grading, Tessellation
 from grainsdem.points.poisson import poisson
 from grainsdem.roots import raised
 from grainsdem.tessellation.graded import SHARPEST, GradedCells, Rounds, Wish, regraded
+from grainsdem.tessellation.lloyd import check_rounds
 from grainsdem.tessellation.sized import Law, sized_cells
 
 if TYPE_CHECKING:
@@ -191,6 +193,8 @@ def layered_cells(
     """
     if not layers:
         raise InputError("a bed has a layer or more; got none")
+    allow_cells(n)
+    check_rounds("relaxations", relaxations)
     options = None if tolerance is None else Rounds(keep, tolerance, strict=True, progress=progress).checked()
     generator = np.random.default_rng(rng)
     parts = parts_of(domain, layers, n)

@@ -61,6 +61,12 @@ class Relaxation(NamedTuple):
     moves: Floats
 
 
+def check_rounds(name: str, n: int) -> None:
+    """Raise `InputError` unless a number of rounds in which seeds move is one that ends."""
+    if not 0 <= n <= MOST_ITERATIONS:
+        raise InputError(f"{name} must be zero or more, at most {MOST_ITERATIONS}; got {shown(n)}")
+
+
 @gated
 def relax(
     seeds: ArrayLike,
@@ -134,8 +140,7 @@ def relaxation(
     progress: Callable[[int], None] | None = None,
 ) -> Relaxation:
     """Return relaxed seeds and the history of their energy; for the parameters and errors see `relax`."""
-    if not 0 <= iterations <= MOST_ITERATIONS:
-        raise InputError(f"iterations must be zero or more, at most {MOST_ITERATIONS}; got {shown(iterations)}")
+    check_rounds("iterations", iterations)
     if not 0 < over_relaxation < 2:
         raise InputError(f"over_relaxation must lie between 0 and 2; got {over_relaxation}")
     if tolerance is not None and not tolerance >= 0:

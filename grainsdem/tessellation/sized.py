@@ -30,7 +30,7 @@ from grainsdem.roots import raised
 from grainsdem.tessellation.engine.frame import Frame
 from grainsdem.tessellation.engine.full import full_cells
 from grainsdem.tessellation.engine.tree import Tree, build, reweighted
-from grainsdem.tessellation.lloyd import inside
+from grainsdem.tessellation.lloyd import check_rounds, inside
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -132,8 +132,7 @@ def sized_cells(
     """
     if not 0 < tolerance < 1:
         raise InputError(f"tolerance must lie between 0 and 1; got {tolerance}")
-    if relaxations < 0:
-        raise InputError(f"relaxations must be zero or more; got {relaxations}")
+    check_rounds("relaxations", relaxations)
     generator = np.random.default_rng(rng)
     targets = _targets(domain, diameters, n, generator)
     sites = check_seeds(poisson(domain, len(targets), rng=generator) if seeds is None else seeds, domain)

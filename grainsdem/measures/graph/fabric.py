@@ -25,6 +25,10 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 
+MOST = 1e100
+"""Largest component of a tensor, whose squares are numbers still."""
+
+
 @gated
 def fabric_tensor(directions: ArrayLike, *, weights: ArrayLike | None = None) -> Floats:
     """Return the mean of n ⊗ n over unit vectors: symmetric, of trace one, 1/3 of the identity where isotropic.
@@ -46,18 +50,24 @@ def fabric_tensor(directions: ArrayLike, *, weights: ArrayLike | None = None) ->
     ShapeError
         If the directions are not of shape (m, 3).
     InputError
-        If a direction has no length.
+        If a direction has no finite length, or a weight is negative or not finite, or all are zero.
     """
     vectors = np.asarray(directions, dtype=np.float64)
     if vectors.ndim != 2 or vectors.shape[1] != 3:
         raise ShapeError(f"directions must have shape (m, 3); got {vectors.shape}")
     if not len(vectors):
         return np.full((3, 3), np.nan)
-    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
-    if not (lengths > 0).all():
-        raise InputError(f"directions must have a length; {int((~(lengths > 0)).sum())} have none")
-    unit = vectors / lengths
+    # The largest component first: squares of very long or short vectors are no numbers any more.
+    largest = np.abs(vectors).max(axis=1, keepdims=True)
+    has_none = ~((largest > 0) & np.isfinite(largest))
+    if has_none.any():
+        raise InputError(f"directions must have a finite length; {int(has_none.sum())} have none")
+    unit = vectors / largest
+    unit /= np.linalg.norm(unit, axis=1, keepdims=True)
     share = np.full(len(unit), 1.0) if weights is None else np.asarray(weights, dtype=np.float64)
+    if not (np.isfinite(share).all() and (share >= 0).all() and share.any()):
+        raise InputError("weights must be finite and zero or more, and one above it")
+    share = share / share.max()
     return np.asarray(np.einsum("m,mi,mj->ij", share / share.sum(), unit, unit))
 
 
@@ -75,7 +85,7 @@ def anisotropy(tensor: ArrayLike) -> float:
     ShapeError
         If it is of another shape.
     InputError
-        If it is not finite.
+        If it is not finite, or a component is larger than 1e100.
 
     Notes
     -----
@@ -83,8 +93,8 @@ def anisotropy(tensor: ArrayLike) -> float:
     (1 + a (3 cos² θ − 1)) / 4π, this is their a, and 5/2 (F₁ − F₃) (Azéma, Radjai and Saussine 2009).
     """
     tensor = np.asarray(tensor, dtype=np.float64)
-    if not np.isfinite(tensor).all():
-        raise InputError(f"the tensor must be finite; got {tensor.tolist()}")
+    if not (np.abs(tensor) <= MOST).all():
+        raise InputError(f"the tensor must be finite, its components at most {MOST:g}; got {tensor.tolist()}")
     deviator = tensor - np.trace(tensor) / 3 * np.eye(3)
     return float(2.5 * np.sqrt(1.5 * np.sum(deviator * deviator)))
 

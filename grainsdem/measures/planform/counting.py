@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from grainsdem.errors import InputError
+from grainsdem.errors import InputError, shown
 from grainsdem.gate import gated
 from grainsdem.geometry.forms.sizes import weighted_percentiles
 from grainsdem.geometry.integrals import integrate
@@ -77,8 +77,8 @@ def pebble_count(
     Wolman, M. G. (1954). A method of sampling coarse river-bed material. Eos 35, 951-956.
     Kellerhals, R. and Bray, D. I. (1971). Sampling procedures for coarse fluvial sediments. J. Hydraul. Div. 97, 1165.
     """
-    if isinstance(stones, bool) or not isinstance(stones, int | np.integer) or stones < 1:
-        raise InputError(f"stones must be a whole number, 1 or more; got {stones!r}")
+    if not 1 <= stones <= view.labels.size:
+        raise InputError(f"stones must be 1 to {view.labels.size}, a point in each pixel; got {shown(stones)}")
     rows = planform_table(view, packing) if rows is None else rows
     generator = np.random.default_rng(rng)
     ny, nx = view.labels.shape
