@@ -134,7 +134,7 @@ class Packing(Noun):
         self.freeze("quaternions", np.float64, n, 4)
         densities = self.freeze("densities", np.float64, n)
         # Not a number is left to validation, which tells whose it is.
-        if n and densities.min() < 0:
+        if (densities < 0).any():
             raise InputError(f"densities must be zero or more; not so: {name_offenders(np.flatnonzero(densities < 0))}")
         if self.frictions is not None:
             own = self.freeze("frictions", np.float64, n)
