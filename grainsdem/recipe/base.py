@@ -23,7 +23,7 @@ class Table(BaseModel):
         given = value if isinstance(value, list | tuple) else [value]
         kind = cls.model_fields[str(info.field_name)].annotation
         if any(isinstance(one, bool) for one in given) and _takes(kind, int, float) and not _takes(kind, bool, Any):
-            raise ValueError("a number is needed")
+            raise ValueError("input should be a valid number")
         return value
 
 
