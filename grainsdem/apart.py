@@ -68,6 +68,8 @@ def read_apart(function: Callable[[Path], Arrays], path: Path) -> Arrays:
             stderr=subprocess.DEVNULL,
             **command,
         )
+    except OSError as error:
+        raise FileFormatError(f"{path}: no process to read it in can be started: {error.strerror or error}") from error
     except subprocess.TimeoutExpired as error:
         raise FileFormatError(f"{path}: damaged: reading it does not end within {2 * seconds:.0f} s") from error
     answer: bytes = done.stdout

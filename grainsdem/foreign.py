@@ -141,7 +141,7 @@ def _array(stream: BinaryIO, size: int, kinds: str) -> NDArray[Any]:
     heads = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
     version = npy.read_magic(stream)
     if version not in heads:
-        raise FileFormatError(f"an array of version {'.'.join(map(str, version))} of its format; 1.0 and 2.0 are read")
+        raise FileFormatError(f"not an array of version 1.0 or 2.0 of its format; got {'.'.join(map(str, version))}")
     try:
         shape, _, dtype = heads[version](stream)
     except Exception as error:

@@ -39,6 +39,7 @@ from grainsdem.dynamics.checkpoint import load_checkpoint
 from grainsdem.dynamics.experiments.parts.joined.driving import table_driver
 from grainsdem.dynamics.experiments.parts.joined.fragment import read_fragment
 from grainsdem.dynamics.experiments.parts.meshes import read_hulls
+from grainsdem.model import Packing, Polyhedra, Surroundings
 from grainsdem.recipe.grains.sizes import _read as read_sizes
 from grainsdem.storage.seals import seal
 
@@ -112,9 +113,18 @@ def read_beside(path):
         return exporters.read(place)
 
 
+EMPTY = Packing(
+    Polyhedra(np.empty((0, 3)), [0], [0], [], [0]), np.empty((0, 3)), np.empty((0, 4)), [], gd.Domain.cube()
+)
+"""No grains."""
+
 READ = {
     "packing": judged(gd.load),
-    "history": lambda path: (storage.load_history(path), storage.load_surroundings(path)),
+    "history": lambda path: (
+        storage.load_history(path),
+        storage.load_surroundings(path),
+        storage.load_moved(path, EMPTY),
+    ),
     "export": judged(exporters.read),
     "stage": read_stage,
     "triangles": read_beside,
@@ -258,11 +268,18 @@ def formats(folder):
     points = gd.points.poisson(domain, 12, rng=1)
     packing = gd.shrink(gd.carve(gd.tessellate(points, domain), keep="all"), porosity=0.4)
 
-    def history(path):
-        with storage.HistoryWriter(path, {"time": "s", "energy": "J"}, n_grains=2) as one:
+    def history(path, around=None, grains=None):
+        columns = {"time": "s", "energy": "J"}
+        with storage.HistoryWriter(path, columns, n_grains=2, around=around, grains=grains) as one:
+            moves = None if around is None else (around.positions[0], around.quaternions[0], around.gravity[0])
             for k in range(20):
                 one.append(time=k, energy=k**2)
-                one.append_frame(k, positions=np.ones((2, 3)), quaternions=np.ones((2, 4)))
+                one.append_frame(k, positions=np.ones((2, 3)), quaternions=np.ones((2, 4)), around=moves)
+
+    def recorded(path):
+        corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+        poses = np.zeros((1, 1, 3)), np.ones((1, 1, 4)), np.zeros((1, 3))
+        history(path, Surroundings(("lid",), corners, np.array([[0, 1, 2]]), np.zeros(3), *poses), packing)
 
     def export(suffix, **options):
         return written(folder, f"bed{suffix}", lambda path: exporters.write(packing, path, overwrite=True, **options))
@@ -271,7 +288,7 @@ def formats(folder):
         return written(folder, name, lambda path: save(path, values))
 
     bed = written(folder, "bed.h5", lambda path: gd.save(packing, path))
-    run = written(folder, "run.h5", history)
+    run, more = written(folder, "run.h5", history), written(folder, "more.h5", recorded)
     seal_length = len(bed) - bed.rindex(b"\ngrainsdem sha256")
     ascii_stl = ascii_of(packing)
     table = written(folder, "seeds.csv", lambda path: gd.points.write(points, path))
@@ -287,7 +304,7 @@ def formats(folder):
         "h5-bytes": Format(".h5", [bed], "packing"),
         "h5-content": Format(".h5", [bed], "packing", change=change_h5),
         "h5-unsealed": Format(".h5", [bed[:-seal_length]], "packing"),
-        "history-content": Format(".h5", [run], "history", change=change_h5),
+        "history-content": Format(".h5", [run, more], "history", change=change_h5),
         "history-unsealed": Format(".h5", [run[:-seal_length]], "history"),
         "mjcf": Format(".xml", [export(".xml")], "export", is_text=True),
         "usda": Format(".usda", [export(".usda")], "export", is_text=True),

@@ -60,7 +60,7 @@ def _arrays(path: Path) -> dict[str, NDArray[Any]]:
 
 def _refuse_foreign(path: Path) -> None:
     """Raise `FileFormatError` where a layer names one that lies outside the folder of the file."""
-    from pxr import Sdf
+    from pxr import Sdf, Usd  # noqa: F401  (formats of files are known once Usd is there)
 
     folder = path.resolve().parent
     waiting, seen = [str(path)], {str(path)}

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from grainsdem.errors import InputError, ShapeError, name_offenders
-from grainsdem.model.arrays import Noun
+from grainsdem.model.arrays import LONGEST, Noun
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -130,12 +130,9 @@ class Packing(Noun):
 
     def __post_init__(self) -> None:
         n = len(self.grains)
-        self.freeze("positions", np.float64, n, 3)
-        self.freeze("quaternions", np.float64, n, 4)
-        densities = self.freeze("densities", np.float64, n)
-        # Not a number is left to validation, which tells whose it is.
-        if n and densities.min() < 0:
-            raise InputError(f"densities must be zero or more; not so: {name_offenders(np.flatnonzero(densities < 0))}")
+        for name, width in (("positions", 3), ("quaternions", 4)):
+            self._hold_range(self.freeze(name, np.float64, n, width), name, -LONGEST, LONGEST)
+        self._hold_range(self.freeze("densities", np.float64, n)[:, None], "densities", 0.0, LONGEST)
         if self.frictions is not None:
             own = self.freeze("frictions", np.float64, n)
             bad = np.flatnonzero(~(np.isfinite(own) & (own >= 0)))
@@ -159,6 +156,14 @@ class Packing(Noun):
 
     def __len__(self) -> int:
         return len(self.grains)
+
+    def _hold_range(self, values: Floats, name: str, least: float, most: float) -> None:
+        """Raise `InputError` where a number is out of range; what is not finite is left to validation."""
+        if values.size and least <= values.min() and values.max() <= most:
+            return
+        bad = np.flatnonzero((np.isfinite(values) & ((values < least) | (values > most))).any(axis=1))
+        if bad.size:
+            raise InputError(f"{name} must be {least:g} to {most:g}; not so: {name_offenders(bad)}")
 
     def frictions_of(self, rows: NDArray[np.integer[Any]] | slice) -> Floats | None:
         """Return the coefficients of friction of some grains, or None where grains have none of their own."""

@@ -109,7 +109,7 @@ def reading(path: str | os.PathLike[str], schema: str) -> Iterator[h5py.File]:
             yield file
     except (FileFormatError, MissingFileError):
         raise
-    except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, OverflowError) as error:
+    except Exception as error:  # what arrays of odd shapes and types make of what is done with them has no end
         raise FileFormatError(f"{source}: damaged or incomplete: {_first_line(error)}") from error
 
 
@@ -155,6 +155,9 @@ def _dataset(file: h5py.Group, name: str) -> h5py.Dataset:
     return found
 
 
+_MOST_TRIED = 1000
+"""Files that are kept in mind."""
+
 _tried: dict[tuple[Any, ...], None] = {}
 """Files that another process has read to their end, as they were then."""
 
@@ -167,6 +170,8 @@ def _try_once(path: Path) -> None:
     state = (path.resolve(), about.st_dev, about.st_ino, about.st_size, about.st_mtime_ns)
     if state not in _tried:
         read_apart(read_all, path)
+        if len(_tried) >= _MOST_TRIED:  # one that is being written is another file whenever it is looked at
+            _tried.clear()
         _tried[state] = None
 
 

@@ -6,7 +6,9 @@ another program changed has no seal, rather than a wrong one.
 
 from __future__ import annotations
 
+import errno
 import hashlib
+import os
 from typing import TYPE_CHECKING
 
 from grainsdem.errors import FileFormatError
@@ -25,10 +27,18 @@ _BLOCK = 1 << 20
 
 
 def seal(path: Path) -> None:
-    """Append the digest of a file to it."""
-    digest = _digest(path, path.stat().st_size)
-    with path.open("ab") as file:
-        file.write(_MARK + digest + b"\n")
+    """Append the digest of a file to it, or leave it as it is and raise `OSError`."""
+    size = path.stat().st_size
+    digest = _digest(path, size)
+    written = 0
+    try:
+        with path.open("ab", buffering=0) as file:
+            written = file.write(_MARK + digest + b"\n")
+    finally:
+        if written < _LENGTH:
+            os.truncate(path, size)
+    if written < _LENGTH:
+        raise OSError(errno.ENOSPC, "no room for its digest")
 
 
 def is_sealed(path: Path) -> bool:

@@ -26,6 +26,7 @@ from fuzzing_files import CASE
 import exporters
 import grainsdem as gd
 from grainsdem import storage
+from grainsdem.model import Surroundings
 from grainsdem.storage.seals import seal
 
 HERE = Path(__file__).resolve().parent
@@ -104,6 +105,7 @@ def packings():
         "provenance-markup": tell('["{\\"step\\":\\"[/bold]\\"}"]'),
         "wrapping-integers": put("grains/face_vertices", np.full(48, 2**62)),
         "density-below-zero": put("densities", [-1.0, 1.0]),
+        "far-rotation": put("quaternions", np.full((2, 4), 1e308)),
         "link-of-nan": lambda file: [put(f"links/{name}", values)(file) for name, values in links.items()],
         "declared-long": declare,
         "complex-positions": put("positions", np.zeros((2, 3), dtype=complex)),
@@ -136,6 +138,17 @@ def histories():
     with h5py.File(path, "r+") as file:
         del file["series"]
         file["series"] = np.zeros(3)
+    seal(path)
+    path = HERE / "one-place.h5"
+    lid = Surroundings(
+        ("lid",), np.eye(3), [[0, 1, 2]], np.zeros(3), *(np.ones((1, 1, k)) for k in (3, 4)), np.ones((1, 3))
+    )
+    with storage.HistoryWriter(path, ["time"], n_grains=1, around=lid) as history:
+        around = lid.positions[0], lid.quaternions[0], lid.gravity[0]
+        history.append_frame(0, positions=np.ones((1, 3)), quaternions=np.ones((1, 4)), around=around)
+    with h5py.File(path, "r+") as file:
+        del file["surroundings/positions"]
+        file["surroundings/positions"] = 1.0
     seal(path)
 
 
