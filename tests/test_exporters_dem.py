@@ -115,7 +115,7 @@ def spoilt(kind):
         return replace(bed, positions=[[4e-3] * 3, [np.inf] * 3])
     if kind == "turn":
         return replace(bed, quaternions=[[1.0, 0, 0, 0], [2.0, 0, 0, 0]])
-    return replace(bed, densities=[2500.0, -1.0])
+    return replace(bed, densities=[2500.0, 0.0])
 
 
 @pytest.mark.unit
