@@ -22,22 +22,14 @@ import fuzzing_commands
 
 from grainsdem.cli import main
 
-RECIPE = """
-[domain]
-side = 3e-3
-[seeds]
-count = 27
-process = "poisson"
-[grains]
-porosity = 0.4
-keep = "all"
+RECIPE = (
+    fuzzing_commands.RECIPE.replace("formats = []", 'formats = ["xml", "stl"]')
+    + """
 [settle]
 max_time = 0.05
 overlap = 0.1
-[output]
-formats = ["xml", "stl"]
-figures = false
 """
+)
 
 
 class Job(NamedTuple):
