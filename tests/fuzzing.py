@@ -316,8 +316,12 @@ def main():
     folder = tempfile.mkdtemp()
     os.chdir(folder)
     found, n = collections.Counter(), 0
+    before = ""
     for name, argument, word, wrong in tried(folder, sys.argv[1:]):
         n += 1
+        if name != before:
+            print(f"{n} calls before {name}", file=sys.stderr, flush=True)  # noqa: T201
+            before = name
         if wrong:
             found[wrong.partition(":")[0]] += 1
             print(f"{name} | {argument} = {word} | {wrong}", flush=True)  # noqa: T201  (what it is run for)
