@@ -9,7 +9,11 @@ if TYPE_CHECKING:
 
 
 class GrainsDEMError(Exception):
-    """Base of every error that grainsdem raises on purpose."""
+    """Base of every error that grainsdem raises on purpose; its words are one line, whatever it was given."""
+
+    def __str__(self) -> str:
+        text = super().__str__()
+        return " ".join(text.split()) if len(text.splitlines()) > 1 else text
 
 
 class InputError(GrainsDEMError, ValueError):

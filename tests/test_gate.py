@@ -210,6 +210,11 @@ def test_what_would_never_end_or_is_empty_gets_one_line(make, told):
     assert "\n" not in str(caught.value)
 
 
+def test_the_words_of_an_error_are_one_line():
+    assert str(InputError(f"it must be flat; got {np.zeros((2, 2))}")) == "it must be flat; got [[0. 0.] [0. 0.]]"
+    assert str(InputError("as  it  was")) == "as  it  was"
+
+
 def test_directions_of_any_length_have_one_tensor():
     axes = np.eye(3) * [[1e308], [1e-308], [1.0]]
     assert gd.fabric_tensor(axes) == pytest.approx(np.eye(3) / 3)

@@ -335,7 +335,7 @@ def test_an_empty_view_is_a_floor(tmp_path):
 def test_odd_requests_are_refused(bed, seen, cube, tmp_path):
     for options, match in (
         ({"pixel": 0.1, "per_diameter": 9}, "pixel or per_diameter, not both"),
-        ({"pixel": 0.0}, r"pixel must be positive and finite; got 0\.0"),
+        ({"pixel": 0.0}, r"pixel must be 1e-30 to 1e.30 m; got 0\.0"),
         ({"per_diameter": np.inf}, "per_diameter must be positive"),
         ({"pixel": 1e-6}, "at most 1073741824 pixels; got 1000000 × 800000"),
         ({"region": ([0, 0], [0, 1])}, "corners of a rectangle"),

@@ -464,7 +464,7 @@ def test_odd_requests_are_refused(periodic):
     voxels = voxelize(periodic, size=0.1)
     for options, match in (
         ({"size": 0.1, "per_diameter": 3}, "size or per_diameter, not both"),
-        ({"size": np.nan}, "size must be positive and finite; got nan"),
+        ({"size": np.nan}, "size must be 1e-30 to 1e.30 m; got nan"),
         ({"per_diameter": -1}, "per_diameter must be positive"),
         ({"size": 1e-4}, "at most 4294967296 voxels are held in memory; got 10000 × 10000 × 10000"),
         ({"size": 1e-12}, "at most 2147483647 voxels along an axis"),

@@ -11,7 +11,7 @@ from grainsdem.errors import InputError
 from grainsdem.gate import gated
 from grainsdem.geometry.forms.sizes import grain_diameters
 from grainsdem.geometry.raster.above import look_down
-from grainsdem.model.arrays import Noun
+from grainsdem.model.arrays import Noun, check_length
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -140,10 +140,9 @@ def _count(packing: Packing, lengths: Floats, pixel: float | None, per_diameter:
         if not (np.isfinite(ratio) and ratio > 0):
             raise InputError(f"per_diameter must be positive and finite; got {ratio}")
         pixel = float(grain_diameters(packing).mean()) / ratio
-    if not (np.isfinite(pixel) and pixel > 0):
-        raise InputError(f"pixel must be positive and finite; got {pixel}")
+    check_length("pixel", pixel)
     counts: Floats = np.maximum(np.rint(lengths / pixel), 1)
-    if counts.prod() > MOST_PIXELS:
+    if counts.max() > MOST_PIXELS or counts.prod() > MOST_PIXELS:
         raise InputError(f"a planform has at most {MOST_PIXELS} pixels; got {counts[0]:.0f} × {counts[1]:.0f}")
     return counts
 

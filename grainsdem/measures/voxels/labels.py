@@ -12,7 +12,7 @@ from grainsdem.gate import gated
 from grainsdem.geometry.clipping import box_planes
 from grainsdem.geometry.forms.sizes import grain_diameters
 from grainsdem.geometry.raster.lattice import OUTSIDE, VOID, Lattice, label_blocks
-from grainsdem.model.arrays import Noun
+from grainsdem.model.arrays import Noun, check_length
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -150,7 +150,8 @@ def fit_lattice(
             raise InputError("a packing without grains has no diameter; give the size of a voxel")
         ratio = _positive("per_diameter", PER_DIAMETER if per_diameter is None else per_diameter)
         size = float(grain_diameters(packing).mean()) / ratio
-    counts = np.maximum(np.rint((upper - lower) / _positive("size", size)), 1)
+    check_length("size", size)
+    counts = np.maximum(np.rint((upper - lower) / size), 1)
     if domain.is_planar:
         counts[2] = 1
     if counts.max() > np.iinfo(np.int32).max:

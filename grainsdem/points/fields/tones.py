@@ -79,6 +79,10 @@ def tone(
     return np.asarray(floor + (1.0 - floor) * values)
 
 
+LOWEST = 1e-9
+"""Lowest frequency [cycles a pixel] of a filter: no image is a billion pixels long."""
+
+
 def low_passed(values: Floats, cutoff: float, order: int) -> Floats:
     """Return an image without its fine detail: Butterworth's filter [1]_ in the frequency domain.
 
@@ -87,7 +91,7 @@ def low_passed(values: Floats, cutoff: float, order: int) -> Floats:
     values : ndarray, shape (p, q)
         Grey values. Beyond its edges the image is taken as mirrored, so that no edge bleeds into the opposite one.
     cutoff : float
-        Frequency [cycles a pixel] at which the amplitude is halved, in (0, 0.5].
+        Frequency [cycles a pixel] at which the amplitude is halved, at most 0.5.
     order : int
         Sharpness: the amplitude falls as 1 / (1 + (f / cutoff)^(2·order)).
 
@@ -98,10 +102,8 @@ def low_passed(values: Floats, cutoff: float, order: int) -> Floats:
     """
     from scipy.fft import dctn, idctn  # noqa: PLC0415  (a tenth of a second)
 
-    if not 0 < cutoff <= 0.5:
-        raise InputError(
-            f"the low-pass filter's frequency must be above 0 and at most 0.5 cycles a pixel; got {cutoff}"
-        )
+    if not LOWEST <= cutoff <= 0.5:
+        raise InputError(f"the low-pass filter's frequency must be {LOWEST:g} to 0.5 cycles a pixel; got {cutoff}")
     if order < 1:
         raise InputError(f"the low-pass filter's order must be 1 or more; got {order}")
     # The cosine transform is Fourier's of the image and its mirror image: row k is k half waves.
