@@ -199,7 +199,10 @@ RIGHT = {
     "phases": ["--per-diameter", "4"],
     "planform": ["--per-diameter", "4"],
     "replay": ["--pictures", "2"],
-    "settle": ["--max-hours", HOURS],
+    "settle": ["--max-hours", HOURS, "--start", "place"],
+    "ring-shear": ["--inner-radius", "1e-3", "--outer-radius", "3.8e-3"],
+    "direct-shear": ["--aspect", "1"],
+    "discharge": ["--opening", "2.5e-3"],
     "own-part": ["--model", "{folder}/part.xml"],
 }
 """What else a right call needs; experiments also need to be short."""

@@ -62,9 +62,9 @@ def begin(number):
     def text(packing, *args, **options):
         return mjcf.text(shaken(packing, number), *args, **options)
 
-    def start(command, **options):
+    def start(args, **options):
         code = child_code(number) + "from grainsdem.workers import serve; serve()"
-        return subprocess.Popen([command[0], "-P", "-c", code], **options)
+        return subprocess.Popen([args[0], "-P", "-c", code], **options)
 
     scene.mjcf = SimpleNamespace(**{**vars(mjcf), "text": text})
     workers.subprocess = SimpleNamespace(**{**vars(subprocess), "Popen": start})

@@ -39,6 +39,9 @@ Region = tuple[int, int, int, int]
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 
+MOST_PIXELS = 100_000_000
+"""Most pixels of an image: a few bytes may claim many more, which take minutes to unpack."""
+
 _A_PIXEL = 100
 """Bytes that a pixel takes while it is read and toned: colours as they are, as numbers, and copies of greys."""
 
@@ -204,6 +207,8 @@ def _pixels(opened: Any, upright: Callable[[Any], Any]) -> NDArray[np.float64]:
         pages = getattr(opened, "n_frames", 1)
         if pages != 1:
             raise FileFormatError(f"an image has one page; got {pages} (a stack is read from .npy)")
+        if opened.width * opened.height > MOST_PIXELS:
+            raise FileFormatError(f"an image has at most {MOST_PIXELS} pixels; got {opened.width} × {opened.height}")
         allow_memory(opened.width * opened.height, _A_PIXEL, "pixels")
         tags = getattr(opened, "tag_v2", {})
         turned = upright(opened)
