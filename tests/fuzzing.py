@@ -166,6 +166,9 @@ def pool(folder):
         "original": packing,
         "correlation": gd.two_point_correlation(voxels),
         "chords": gd.chord_lengths(voxels),
+        "roundness": 0.3,
+        "stones": gd.pebble_count(view, packing, 10, rng=1),
+        "gd.pebble_count.stones": 10,
         "forms": gd.Forms(elongation=0.7),
         "pictures": [np.zeros((4, 4))],
         "layers": [gd.Layer(gd.Grading([1e-3, 2e-3], [0.0, 1.0]))],
@@ -278,11 +281,11 @@ def outcome(function, arguments, seconds=PATIENCE):
 
 LONG = {
     "settle", "collapse", "direct_shear", "discharge", "drum", "compact", "feed", "own_part", "penetration",
-    "ring_shear", "tap", "tilt", "triaxial", "ensemble",
+    "ring_shear", "tap", "tilt", "triaxial", "ensemble", "gd.recipe.run",
 }  # fmt: skip
 """Functions whose right calls take minutes: they are tried with wrong kinds alone."""
 
-OF_USERS = ("Callable", "PerGrain", "Strength")
+OF_USERS = ("Callable", "PerGrain", "Strength", "Density", "Monitor")
 """Types that functions of users are among."""
 
 PATIENT = {"None", "true", "function", "class"}
@@ -294,7 +297,7 @@ def tried(folder, words):
     for name, function in {**functions(), **constructors()}.items():
         if words and not any(word in name for word in words):
             continue
-        is_long = name.rpartition(".")[2] in LONG
+        is_long = name in LONG or name.rpartition(".")[2] in LONG
         right = valid(name, function, folder)
         for argument in inspect.signature(function).parameters.values():
             if argument.kind in (argument.VAR_KEYWORD, argument.VAR_POSITIONAL):

@@ -78,7 +78,7 @@ def test_grains_that_are_alike_leave_a_third_of_their_places_empty_and_others_no
 
 @pytest.mark.unit
 def test_a_share_of_places_left_empty_cannot_be_below_zero(few):
-    with pytest.raises(InputError, match="vacancies must be zero or more; got -1"):
+    with pytest.raises(InputError, match="vacancies must be zero or more and finite; got -1"):
         shuffle(few, vacancies=-1.0)
 
 

@@ -198,6 +198,11 @@ def test_what_no_memory_holds_is_refused_before_it_is_made(make):
             lambda domain: gd.sized_cells(domain, [1.0, 2.0], relaxations=10**9),
             "relaxations must be zero or more, at mo",
         ),
+        (
+            lambda domain: gd.tessellate([[0.5, 0.5, 0.5]], domain, weights=1e308),
+            "weights must be within ±1e.60 m²; 1 are",
+        ),
+        (lambda domain: gd.points.scaled(np.full((2, 3), 1e308), domain), "points must be finite"),
         (lambda _: gd.load(""), "path must be a path; got an empty one"),
         (lambda _: gd.fabric_tensor([[1, 0, 0]], weights=[]), r"weights must be .* shape \(m,\); got shape \(0,\)"),
         (lambda _: gd.fabric_tensor([[1, 0, 0]], weights=[float("nan")]), "weights must be finite and zero or more"),

@@ -16,6 +16,7 @@ from grainsdem.errors import InputError
 from grainsdem.gate import gated
 from grainsdem.geometry.rotations import multiply, random_quaternions
 from grainsdem.geometry.selection import select
+from grainsdem.memory import A_SEED, allow_memory
 from grainsdem.model import Domain, Packing
 
 if TYPE_CHECKING:
@@ -61,10 +62,10 @@ def shuffle(
     -----
     Planar grains are turned in their plane and lifted along y.
     """
-    if clearance < 0:
-        raise InputError(f"clearance must be zero or more; got {clearance}")
-    if not (np.isfinite(vacancies) and vacancies >= 0):
-        raise InputError(f"vacancies must be zero or more; got {vacancies}")
+    for name, value in {"clearance": clearance, "vacancies": vacancies}.items():
+        if not 0 <= value < np.inf:
+            raise InputError(f"{name} must be zero or more and finite; got {value}")
+    allow_memory((1 + vacancies) * len(packing), A_SEED, "places of the lattice")
     domain = packing.domain
     up = 1 if domain.is_planar else 2
     generator = np.random.default_rng(rng)

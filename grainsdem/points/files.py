@@ -11,6 +11,7 @@ from grainsdem.atomic import replacing
 from grainsdem.errors import FileFormatError, InputError, MissingFileError, ShapeError, name_offenders
 from grainsdem.foreign import array_of, refusing
 from grainsdem.gate import gated
+from grainsdem.model.arrays import LONGEST
 from grainsdem.points import text
 from grainsdem.points.check import check_seeds
 
@@ -172,7 +173,7 @@ def scaled(
         raise ShapeError(f"points must have shape {allowed}; got {values.shape}")
     axes = 2 if domain.is_planar else 3
     values = values[:, :axes]
-    bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
+    bad = np.flatnonzero(~(np.abs(values) <= LONGEST).all(axis=1))
     if not len(values) or bad.size:
         raise InputError(f"points must be finite, and one or more; {bad.size} of {len(values)} are not")
     low, high = _box_of(values) if bounds is None else _given_box(bounds, values)

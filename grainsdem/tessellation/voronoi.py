@@ -17,6 +17,7 @@ from grainsdem.geometry.ahead import compiled
 from grainsdem.geometry.integrals import volumes
 from grainsdem.memory import A_CELL, allow_memory
 from grainsdem.model import Polyhedra, Tessellation
+from grainsdem.model.arrays import LONGEST
 from grainsdem.points.check import check_seeds
 from grainsdem.ragged import owners
 from grainsdem.tessellation.engine.frame import Frame
@@ -114,7 +115,8 @@ def check_weights(weights: ArrayLike | None, n: int) -> NDArray[np.float64]:
         raise ShapeError(f"weights must be numbers in an array of shape ({n},); {error}") from error
     if given.shape not in ((), (n,)):
         raise ShapeError(f"weights must have shape ({n},), one a seed; got {given.shape}")
-    bad = np.flatnonzero(~np.isfinite(np.atleast_1d(given)))
+    # Squares of lengths; where larger ones are no numbers any more, cells would never be found.
+    bad = np.flatnonzero(~(np.abs(np.atleast_1d(given)) <= LONGEST**2))
     if bad.size:
-        raise InputError(f"weights must be finite; {bad.size} are not: {name_offenders(bad)}")
+        raise InputError(f"weights must be within ±{LONGEST**2:g} m²; {bad.size} are not: {name_offenders(bad)}")
     return np.broadcast_to(given, (n,)).copy()
