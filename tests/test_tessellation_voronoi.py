@@ -192,7 +192,7 @@ def test_weights_that_are_no_numbers_are_refused():
     seeds = [[0.2, 0.2, 0.2], [0.7, 0.7, 0.7]]
     with pytest.raises(ShapeError, match=r"got shape \(3,\) beside seeds of shape \(2, 3\)"):
         tessellate(seeds, Domain.cube(), weights=[1, 2, 3])
-    with pytest.raises(InputError, match="weights must be within .* m²; 1 are not: 1"):
+    with pytest.raises(InputError, match=r"weights must be within .* m²; 1 are not: 1"):
         tessellate(seeds, Domain.cube(), weights=[1, np.nan])
 
 
