@@ -96,3 +96,14 @@ def test_percentiles_are_those_of_their_samples(bed, seen):
         assert found[f"{q}_bed_by_number"] < found[f"{q}_bed_by_area"] < found[f"{q}_bed_by_mass"]
     none = gd.size_percentiles(rows, bed, stones[:0], least_pixels=10**9)
     assert np.isnan([none["d50_seen_by_area"], none["d50_counted"], none["d50_counted_apparent"]]).all()
+
+
+@pytest.mark.unit
+def test_tables_of_another_kind_are_refused(bed, seen):
+    stones, rows = gd.pebble_count(seen, bed, 10, rng=1), gd.planform_table(seen, bed)
+    with pytest.raises(InputError, match="rows must be what planform_table returns; they lack"):
+        gd.size_percentiles(gd.table(bed), bed, stones)
+    with pytest.raises(InputError, match="rows must be what planform_table returns; they lack"):
+        gd.pebble_count(seen, bed, 10, rows=gd.table(bed))
+    with pytest.raises(InputError, match="stones must be what pebble_count returns; they lack"):
+        gd.size_percentiles(rows, bed, gd.table(bed))

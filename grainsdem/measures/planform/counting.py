@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from grainsdem.errors import InputError, shown
+from grainsdem.errors import InputError, name_offenders, shown
 from grainsdem.gate import gated
 from grainsdem.geometry.forms.sizes import weighted_percentiles
 from grainsdem.geometry.integrals import integrate
-from grainsdem.measures.planform.truth import planform_table, projected_areas, true_sizes
+from grainsdem.measures.planform.truth import check_rows, planform_table, projected_areas, true_sizes
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -80,6 +80,7 @@ def pebble_count(
     if not 1 <= stones <= view.labels.size:
         raise InputError(f"stones must be 1 to {view.labels.size}, a point in each pixel; got {shown(stones)}")
     rows = planform_table(view, packing) if rows is None else rows
+    check_rows(rows, packing)
     generator = np.random.default_rng(rng)
     ny, nx = view.labels.shape
     size = view.pixel * [nx, ny]
@@ -125,6 +126,10 @@ def size_percentiles(
         them, by number, visible area and the grains' mass; ``d50_counted``, true axes of the stones counted, and
         ``d50_counted_apparent``, apparent ones of those that the border does not cut. NaN where there is none.
     """
+    check_rows(rows, packing)
+    lacking = set(STONE.names or ()) - set(stones.dtype.names or ())
+    if lacking:
+        raise InputError(f"stones must be what pebble_count returns; they lack {name_offenders(sorted(lacking))}")
     measured = integrate(packing.grains)
     masses = measured.volumes * packing.densities
     whole = rows[~rows["is_cut"] & (rows["n_pixels"] >= least_pixels)]

@@ -98,6 +98,15 @@ def planform_table(view: Planform, packing: Packing) -> NDArray[np.void]:
     return rows
 
 
+def check_rows(rows: NDArray[np.void], packing: Packing) -> None:
+    """Raise `InputError` unless they are those that `planform_table` returns of a packing."""
+    lacking = {"id", "is_cut", "n_pixels", "b", "apparent_b", "visible_area"} - set(rows.dtype.names or ())
+    if lacking:
+        raise InputError(f"rows must be what planform_table returns; they lack {name_offenders(sorted(lacking))}")
+    if rows["id"].max(initial=-1) >= len(packing):
+        raise InputError(f"the table must be of this packing of {len(packing)} grains; it has grain {rows['id'].max()}")
+
+
 @gated
 def planform_bias(rows: NDArray[np.void], packing: Packing, *, least_pixels: int = 1) -> NDArray[np.void]:
     """Return what is read off a planform beside the truth, one row a statistic of the intermediate axis b.
@@ -131,11 +140,7 @@ def planform_bias(rows: NDArray[np.void], packing: Packing, *, least_pixels: int
     by mass from the volume, for grains that do not hide one another (Kellerhals and Bray 1971). What hides them makes
     up the rest of ``area_bias``.
     """
-    lacking = {"id", "is_cut", "n_pixels", "b", "apparent_b", "visible_area"} - set(rows.dtype.names or ())
-    if lacking:
-        raise InputError(f"rows must be what planform_table returns; they lack {name_offenders(sorted(lacking))}")
-    if rows["id"].max(initial=-1) >= len(packing):
-        raise InputError(f"the table must be of this packing of {len(packing)} grains; it has grain {rows['id'].max()}")
+    check_rows(rows, packing)
     rows = rows[~rows["is_cut"] & (rows["n_pixels"] >= least_pixels)]
     if rows.size == 0:
         raise InputError(f"no whole grain is seen through {least_pixels} pixels or more: there is no bias to report")
