@@ -17,7 +17,7 @@ from grainsdem.errors import FileFormatError, GrainsDEMError, MissingFileError, 
 from grainsdem.memory import allow_memory
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
     from pathlib import Path
     from typing import BinaryIO
 
@@ -69,29 +69,29 @@ def said(error: BaseException) -> str:
     return " ".join(text.split())[:300] or type(error).__name__
 
 
+def _parsed(parse: Callable[[str], Any], text: str, language: str) -> Any:
+    """Return what a parser makes of a text, or raise `FileFormatError`."""
+    try:
+        return parse(text)
+    except RecursionError as error:
+        raise FileFormatError(f"not {language} that can be read: nested too deep") from error
+    except ValueError as error:
+        raise FileFormatError(f"not {language}: {said(error)}") from error
+
+
 def toml(text: str) -> dict[str, Any]:
     """Return the tables of a TOML text, or raise `FileFormatError`.
 
     Numbers of thousands of digits and tables nested a thousand deep are errors of their own to Python.
     """
-    try:
-        found = tomllib.loads(text)
-    except RecursionError as error:
-        raise FileFormatError("not TOML that can be read: nested too deep") from error
-    except ValueError as error:
-        raise FileFormatError(f"not TOML: {said(error)}") from error
+    found: dict[str, Any] = _parsed(tomllib.loads, text, "TOML")
     _hold_depth(found, "TOML")
     return found
 
 
 def json_object(text: str) -> dict[str, Any]:
     """Return the JSON object that a text holds, or raise `FileFormatError`."""
-    try:
-        found = json.loads(text)
-    except RecursionError as error:
-        raise FileFormatError("not JSON that can be read: nested too deep") from error
-    except ValueError as error:
-        raise FileFormatError(f"not JSON: {said(error)}") from error
+    found = _parsed(json.loads, text, "JSON")
     if not isinstance(found, dict):
         raise FileFormatError(f"not a JSON object; got {shown(found)}")
     _hold_depth(found, "JSON")

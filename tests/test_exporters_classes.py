@@ -58,6 +58,14 @@ def test_ascii_stl_says_them_after_the_name_of_a_solid(bed, tmp_path):
 
 
 @pytest.mark.unit
+@pytest.mark.parametrize("binary", [True, False])
+def test_files_of_one_grain_each_say_its_own(bed, tmp_path, binary):
+    exporters.write(bed, tmp_path / "bed.stl", per_grain=True, binary=binary)
+    found = [exporters.read(path).classes.tolist() for path in sorted((tmp_path / "bed").glob("*.stl"))]
+    assert found == [[number] for number in CLASSES]
+
+
+@pytest.mark.unit
 @pytest.mark.parametrize("suffix", [".stl", ".obj", ".xml", ".usda"])
 def test_a_bed_without_classes_is_read_back_without(bed, tmp_path, suffix):
     path = tmp_path / f"bed{suffix}"

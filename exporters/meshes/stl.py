@@ -107,7 +107,8 @@ def files(
     """Return the surface of all grains, and for binary ``bed.triangles.csv``.
 
     The table has a row a grain: its number, its first triangle, its number of triangles, and where grains have classes
-    its own. In ASCII a solid's name is followed by its class, ``solid g000007 class 2``.
+    its own. In ASCII a solid's name is followed by its class, ``solid g000007 class 2``; a binary file of one grain
+    alone says it in its header.
 
     Raises
     ------
@@ -266,11 +267,11 @@ def binary(corners: Singles) -> bytes:
     return _head(len(corners), 1.0) + _records(corners, normals)
 
 
-def _head(n_triangles: int, length: float) -> bytes:
-    """Return the header of a binary file and the number of its triangles."""
+def _head(n_triangles: int, length: float, own: str = "") -> bytes:
+    """Return the header of a binary file, with what it says of one grain alone, and the number of its triangles."""
     unit = "metres" if length == 1.0 else f"unit {length!r} m"
     # It must not begin with "solid", which is ASCII's mark.
-    return f"grainsdem, {unit}".encode().ljust(80) + n_triangles.to_bytes(4, "little")
+    return f"grainsdem, {unit}{own}".encode().ljust(80) + n_triangles.to_bytes(4, "little")
 
 
 def _records(corners: Singles, normals: NDArray[np.float64]) -> bytes:
@@ -283,7 +284,8 @@ def _records(corners: Singles, normals: NDArray[np.float64]) -> bytes:
 
 def _binary(packing: Packing, plan: _Plan) -> Iterator[bytes]:
     """Yield binary STL, a stretch of grains at a time."""
-    yield _head(int(plan.counts.sum()), plan.length)
+    own = class_texts(packing, ", class %d")[0] if len(packing) == 1 else ""
+    yield _head(int(plan.counts.sum()), plan.length, own)
     for _, part in _surfaces(packing, plan):
         yield _records(part.corners, part.normals)
 

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
     from grainsdem.model import Packing
 
+_CLASS = r"\bclass (\d{1,9})\b"
+
 IS_LOCAL = False
 ROUNDINGS = 1
 
@@ -36,7 +38,9 @@ def read(path: Path) -> Packing:
         corners = np.frombuffer(content, RECORD, offset=84)["corners"]
         table, head = path.with_name(path.stem + TABLE), content[:80].decode("latin-1")
         if not table.is_file():
-            return _gathered(path, corners, _pieces(corners, np.zeros(n, dtype=np.int64)), head)
+            packing = _gathered(path, corners, _pieces(corners, np.zeros(n, dtype=np.int64)), head)
+            of_all = re.search(_CLASS, head)
+            return packing if of_all is None else with_classes(packing, [int(of_all[1])])
         grain_of, classes = _from_table(table, len(corners))
         packing = _gathered(path, corners, grain_of, head)
         return packing if classes is None else with_classes(packing, classes)
@@ -47,7 +51,7 @@ def read(path: Path) -> Packing:
     grain_of = _pieces(corners, solids)
     tell(path, "solids", names, solids, grain_of)
     packing = _gathered(path, corners, grain_of, text.lstrip().partition("\n")[0])
-    told = [re.search(r"\bclass (\d{1,9})\b", name) for name in names]
+    told = [re.search(_CLASS, name) for name in names]
     _, first = np.unique(grain_of, return_index=True)
     own = [told[solid] for solid in solids[first].tolist()]
     return packing if None in own else with_classes(packing, [int(found[1]) for found in own if found])
