@@ -11,8 +11,8 @@ import numpy as np
 from grainsdem.errors import InputError, name_offenders
 from grainsdem.geometry.integrals import Integrals, integrate
 from grainsdem.model import Packing, Polyhedra
-from grainsdem.options import coefficients
 from grainsdem.ragged import owners
+from grainsdem.values import coefficients
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
