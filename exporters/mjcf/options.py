@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 ITERATIONS = {"PGS": 30, "CG": 100, "Newton": 100}
 """Most iterations of each solver."""
 
+IMPRATIO = 20.0
+"""Ratio of frictional to normal stiffness."""
+
 NOSLIP_AT_REST = 10
 """Iterations against slip of beds at rest: of 60 grains the farthest creeps by 5e-4 d in 5 t, without them by 2e-3."""
 
@@ -114,7 +117,7 @@ class MjcfOptions:
     solver: Literal["PGS", "CG", "Newton"] = "PGS"
     iterations: int | None = None
     tolerance: float = 1e-8
-    impratio: float = 20.0
+    impratio: float = IMPRATIO
     noslip_iterations: int | None = None
     contact_width: float = 1e-3
     walls: Literal["box", "floor", "none"] = "box"

@@ -33,6 +33,9 @@ class UsdOptions:
         Coefficient of restitution [1], 0 to 1; that which the bed came to rest with by default, else none.
     gravity : float
         Magnitude of gravity [m/s²].
+    time_step : float, optional
+        Time step in units of √(d/g), d being the median diameter, that the stage asks for and that the stiffness of
+        Newton's contacts is made for. That which the bed came to rest with by default, else 0.01.
     contact_gap : float
         Distance, in median diameters, at which Newton begins to look at a pair.
     walls : {"box", "floor", "none"}
@@ -58,6 +61,7 @@ class UsdOptions:
     wall_friction: float | Mapping[str, float] | None = None
     restitution: float | None = None
     gravity: float = 9.81
+    time_step: float | None = None
     contact_gap: float = 0.01
     walls: Literal["box", "floor", "none"] = "box"
     colour: Colour = "mineral"
@@ -69,6 +73,8 @@ class UsdOptions:
         for name in ("friction", "restitution", "gravity", "contact_gap"):
             if name in {"gravity", "contact_gap"} or getattr(self, name) is not None:
                 check_positive(name, getattr(self, name), or_zero=True)
+        if self.time_step is not None:
+            check_positive("time_step", self.time_step)
         check_choice("walls", self.walls, ("box", "floor", "none"))
         check_choice("hulls", self.hulls, ("any", "physx"))
         check_colour(self.colour)

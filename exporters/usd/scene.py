@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -9,7 +10,9 @@ import numpy as np
 
 from exporters.check import grain_names, shapes_of
 from exporters.container import container_box, plane_frames, wall_names, world_bounds
-from exporters.rest import down, frictions, one_friction, restitution
+from exporters.mjcf.bouncing import DAMPED_STEPS
+from exporters.mjcf.options import IMPRATIO
+from exporters.rest import down, frictions, one_friction, restitution, rolling_friction, time_step
 from exporters.usd.prims import Attribute, Column, Many, Prim
 from grainsdem.geometry.integrals import face_planes
 from grainsdem.geometry.principal import principal_inertia
@@ -34,7 +37,7 @@ CLASS = "primvars:grainClass"
 
 _HULL = (
     "PhysicsCollisionAPI", "PhysicsMeshCollisionAPI", "PhysxConvexHullCollisionAPI", "NewtonCollisionAPI",
-    "NewtonMeshCollisionAPI",
+    "NewtonMeshCollisionAPI", "MaterialBindingAPI",
 )  # fmt: skip
 
 
@@ -92,6 +95,12 @@ class Bed:
         return self.options.contact_gap * self.diameter
 
     @property
+    def step(self) -> float:
+        """Time step [s] that contacts are made for; none without gravity."""
+        gravity = self.options.gravity / self.scales.length
+        return time_step(self.packing, self.options.time_step) * math.sqrt(self.diameter / gravity) if gravity else 0.0
+
+    @property
     def frictions(self) -> Frictions:
         """What friction grains and walls have."""
         return frictions(self.packing, self.options.friction, self.options.wall_friction)
@@ -106,20 +115,48 @@ def world(bed: Bed) -> Prim:
     grains = Prim(
         name="Grains",
         kind="Xform",
-        # Bound once, above all grains: bindings are inherited.
-        schemas=("MaterialBindingAPI",),
-        targets={"material:binding:physics": "/World/Materials/Grain"},
         many=Many(grain_names(bed.packing), _grain(bed)),
     )
     return Prim(name="World", kind="Xform", children=(*parts, grains))
 
 
 def _scene(bed: Bed) -> Prim:
-    """Return gravity."""
-    return Prim(name="PhysicsScene", kind="PhysicsScene", attributes={
+    """Return gravity, and the time step that contacts are made for."""
+    attributes = {
         "physics:gravityDirection": Attribute("vector3f", down(bed.packing)),
         "physics:gravityMagnitude": Attribute("float", bed.options.gravity / bed.scales.length),
-    })  # fmt: skip
+    }
+    schemas: tuple[str, ...] = ()
+    if bed.step:
+        rate = math.ceil(1 / bed.step)
+        schemas = ("NewtonSceneAPI", "PhysxSceneAPI", "MjcSceneAPI")
+        attributes |= {
+            "newton:timeStepsPerSecond": Attribute("int", rate, is_fixed=True),
+            "physxScene:timeStepsPerSecond": Attribute("uint", rate),
+            "mjc:option:timestep": Attribute("double", 1 / rate, is_fixed=True),
+            "mjc:option:cone": Attribute("token", "elliptic"),
+            "mjc:option:impratio": Attribute("double", IMPRATIO, is_fixed=True),
+            "mjc:flag:multiccd": Attribute("bool", 1, is_fixed=True),
+        }
+    return Prim(name="PhysicsScene", kind="PhysicsScene", schemas=schemas, attributes=attributes)
+
+
+def _contacts(bed: Bed) -> dict[str, Attribute]:
+    """Return how stiff Newton's contacts are: with the stiffness that it takes by default grains sink into each other.
+
+    Its numbers are a spring and a dashpot a unit of mass. They are the stiffest that a time step carries, damped
+    critically, as in files for MuJoCo.
+    """
+    arm = rolling_friction(bed.packing, None) * bed.diameter / 2
+    arms = {"newton:torsionalFriction": Attribute("float", arm), "newton:rollingFriction": Attribute("float", arm)}
+    if not bed.step:
+        return arms
+    rate = 1 / (DAMPED_STEPS * bed.step)
+    return {
+        "newton:contactStiffness": Attribute("float", rate**2),
+        "newton:contactDamping": Attribute("float", 2 * rate),
+        **arms,
+    }
 
 
 def _materials(bed: Bed) -> Prim:
@@ -132,12 +169,14 @@ def _materials(bed: Bed) -> Prim:
     kinds |= {_material(wall): friction for wall, friction in given.by_wall.items()}
     if bed.packing.domain.is_planar:
         kinds["Side"] = 0.0
+    contacts = _contacts(bed)
     materials = [
-        Prim(name=name, kind="Material", schemas=("PhysicsMaterialAPI",), attributes={
+        Prim(name=name, kind="Material", schemas=("PhysicsMaterialAPI", "NewtonMaterialAPI"), attributes={
             "physics:staticFriction": Attribute("float", friction),
             "physics:dynamicFriction": Attribute("float", friction),
             "physics:restitution": Attribute("float", bounce),
             "physics:density": Attribute("float", density),
+            **contacts,
         })
         for name, friction in kinds.items()
     ]  # fmt: skip
@@ -251,7 +290,9 @@ def _hull(bed: Bed) -> Prim:
     two, one = np.full(len(grains), 2), np.ones(len(grains), dtype=np.int64)
     classes = bed.packing.classes
     own = {} if classes is None else {CLASS: Attribute("int", Column.of(classes), "constant")}
-    return Prim(name="shape", kind="Mesh", schemas=_HULL, attributes={
+    # Bound on every collider: bindings are inherited, and not every program follows them.
+    binding = {"material:binding:physics": "/World/Materials/Grain"}
+    return Prim(name="shape", kind="Mesh", schemas=_HULL, targets=binding, attributes={
         "points": Attribute("point3f[]", Column(points, np.diff(vertices))),
         "faceVertexCounts": Attribute("int[]", Column(counts, np.diff(faces))),
         "faceVertexIndices": Attribute("int[]", Column(indices, np.diff(corners))),
