@@ -68,7 +68,7 @@ def files(
     _see_large_hulls(packing, options.hulls)
     colours = colours_of(packing, integrals.volumes, options.colour)
     scales = _scales(packing, integrals.volumes, options.units)
-    layer = crate(world(Bed(packing, integrals, options, colours, scales)), metadata(packing, scales))
+    layer = crate(world(Bed(packing, integrals, options, colours, scales)), metadata(packing, scales, options.root))
     if suffix.lower() == ".usda":
         return {f"{name}{suffix}": _text(layer)}
     return {f"{name}{suffix}": _package(layer, name) if suffix.lower() == ".usdz" else layer}

@@ -99,6 +99,8 @@ class Prim:
         Prims below.
     many : Many, optional
         After them, many alike.
+    model : str
+        What it is among models, such as ``component``; empty for none.
     """
 
     name: str
@@ -108,6 +110,7 @@ class Prim:
     targets: dict[str, str] = field(default_factory=dict)
     children: tuple[Prim, ...] = ()
     many: Many | None = None
+    model: str = ""
 
 
 @dataclass(frozen=True, slots=True)

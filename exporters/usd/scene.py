@@ -41,13 +41,13 @@ _HULL = (
 )  # fmt: skip
 
 
-def metadata(packing: Packing, scales: GrainUnits) -> dict[str, Any]:
+def metadata(packing: Packing, scales: GrainUnits, root: str) -> dict[str, Any]:
     """Return what the layer says of itself: units, axis, and the domain [m], which has no place in a stage."""
     domain = packing.domain
     is_si = (scales.length, scales.mass) == (1.0, 1.0)
     units = "metres and kilograms" if is_si else f"units of {scales.length!r} m and {scales.mass!r} kg"
     return {
-        "defaultPrim": Attribute("token", "World"),
+        "defaultPrim": Attribute("token", root),
         "documentation": Attribute("string", f"{len(packing)} grains, in {units}."),
         "metersPerUnit": Attribute("double", scales.length),
         "kilogramsPerUnit": Attribute("double", scales.mass),
@@ -100,6 +100,10 @@ class Bed:
         gravity = self.options.gravity / self.scales.length
         return time_step(self.packing, self.options.time_step) * math.sqrt(self.diameter / gravity) if gravity else 0.0
 
+    def made_of(self, material: str) -> dict[str, str]:
+        """Return the relationship of a collider to its material."""
+        return {"material:binding:physics": f"/{self.options.root}/Materials/{material}"}
+
     @property
     def frictions(self) -> Frictions:
         """What friction grains and walls have."""
@@ -107,8 +111,8 @@ class Bed:
 
 
 def world(bed: Bed) -> Prim:
-    """Return the prim that holds all, ``/World``."""
-    parts = [_scene(bed), _materials(bed)]
+    """Return the prim that holds all, ``/World`` by default."""
+    parts = [_scene(bed), _materials(bed)] if bed.options.scene else [_materials(bed)]
     container = _container(bed)
     if container:
         parts.append(Prim(name="Container", kind="Xform", children=tuple(container)))
@@ -117,7 +121,7 @@ def world(bed: Bed) -> Prim:
         kind="Xform",
         many=Many(grain_names(bed.packing), _grain(bed)),
     )
-    return Prim(name="World", kind="Xform", children=(*parts, grains))
+    return Prim(name=bed.options.root, kind="Xform", model="component", children=(*parts, grains))
 
 
 def _scene(bed: Bed) -> Prim:
@@ -190,7 +194,7 @@ def _material(wall: str) -> str:
 
 def _container(bed: Bed) -> list[Prim]:
     """Return floor and walls as static boxes around the domain: not every program knows planes."""
-    options, gap, domain = bed.options, bed.gap, bed.packing.domain.scaled(1 / bed.scales.length)
+    options, domain = bed.options, bed.packing.domain.scaled(1 / bed.scales.length)
     lower, upper = (corner / bed.scales.length for corner in container_box(bed.packing, world_bounds(bed.packing)))
     thick = _WALL_THICKNESS * bed.diameter
     axis_of = {"x": 0, "y": 1, "z": 2}
@@ -214,30 +218,29 @@ def _container(bed: Bed) -> list[Prim]:
         # Named as files for MuJoCo name them; the two that hold a plane have no friction ever.
         own = "floor" if name == "z0" else f"wall_{name}"
         kind = "Side" if is_side else _material(own) if own in made_of.by_wall else "Wall"
-        walls.append(_wall(*look, box, gap, kind))
+        walls.append(_wall(bed, *look, box, kind))
     if options.walls == "box":
         reach = float(np.linalg.norm(upper - lower)) + 2 * thick
         for k, (point, rotation) in enumerate(zip(*plane_frames(domain), strict=True)):
             outward = domain.planes[k, :3]
             box = (point + outward * thick / 2, np.array([reach, reach, thick]), rotation)
             own = f"wall_p{k}"
-            walls.append(_wall(own, 0.02, box, gap, _material(own) if own in made_of.by_wall else "Wall"))
+            walls.append(_wall(bed, own, 0.02, box, _material(own) if own in made_of.by_wall else "Wall"))
     return walls
 
 
-def _wall(name: str, opacity: float, box: tuple[Any, Any, Any], gap: float, material: str = "Wall") -> Prim:
+def _wall(bed: Bed, name: str, opacity: float, box: tuple[Any, Any, Any], material: str) -> Prim:
     """Return one static box of the container: its centre, size and rotation."""
     centre, size, rotation = box
     schemas = ("PhysicsCollisionAPI", "NewtonCollisionAPI", "MaterialBindingAPI")
-    targets = {"material:binding:physics": f"/World/Materials/{material}"}
-    return Prim(name=name, kind="Cube", schemas=schemas, targets=targets, attributes={
+    return Prim(name=name, kind="Cube", schemas=schemas, targets=bed.made_of(material), attributes={
         "size": Attribute("double", 1.0),
         "extent": Attribute("float3[]", [(-0.5, -0.5, -0.5), (0.5, 0.5, 0.5)]),
         "xformOp:translate": Attribute("double3", centre),
         "xformOp:orient": Attribute("quatd", rotation),
         "xformOp:scale": Attribute("float3", size),
         "xformOpOrder": Attribute("token[]", ["xformOp:translate", "xformOp:orient", "xformOp:scale"]),
-        "newton:contactGap": Attribute("float", gap),
+        "newton:contactGap": Attribute("float", bed.gap),
         "primvars:displayColor": Attribute("color3f[]", [(0.72, 0.75, 0.77)]),
         "primvars:displayOpacity": Attribute("float[]", [opacity]),
     })  # fmt: skip
@@ -291,7 +294,7 @@ def _hull(bed: Bed) -> Prim:
     classes = bed.packing.classes
     own = {} if classes is None else {CLASS: Attribute("int", Column.of(classes), "constant")}
     # Bound on every collider: bindings are inherited, and not every program follows them.
-    binding = {"material:binding:physics": "/World/Materials/Grain"}
+    binding = bed.made_of("Grain")
     return Prim(name="shape", kind="Mesh", schemas=_HULL, targets=binding, attributes={
         "points": Attribute("point3f[]", Column(points, np.diff(vertices))),
         "faceVertexCounts": Attribute("int[]", Column(counts, np.diff(faces))),
