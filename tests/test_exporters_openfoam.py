@@ -297,6 +297,11 @@ def test_openfoam_runs_the_case_as_it_stands_and_finds_the_permeability_of_kozen
     assert result.returncode == 0, result.stdout[-2000:] + result.stderr[-500:]
     case = json.loads((tmp_path / "case.json").read_text())
     told = (tmp_path / "log.checkMesh").read_text()
+    assert "Mesh OK." in told
+    lower, upper = (np.array(corner.split(), float) for corner in re.search(r"box \((.*?)\) \((.*?)\)", told).groups())
+    # To the digits of single precision, which the surfaces have.
+    np.testing.assert_allclose(lower, case["lower"], atol=1e-6 * case["mean_diameter"])
+    np.testing.assert_allclose(upper, case["upper"], atol=1e-6 * case["mean_diameter"])
     void = float(re.search(r"Total volume = (\S+)\.\s", told)[1]) / np.prod(np.subtract(case["upper"], case["lower"]))
     # The mesh holds the void that the geometry has, but for the narrowest gaps.
     assert void == pytest.approx(case["porosity"], abs=0.01)
@@ -315,3 +320,19 @@ def test_a_mesh_too_coarse_for_the_throats_is_told(program, tmp_path):
     result = subprocess.run(["./Allrun"], cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True, check=False)
     assert result.returncode == 1
     assert "The mesh reaches no inlet: it is too coarse for the throats" in result.stderr
+
+
+@pytest.mark.client
+def test_a_mesh_that_openfoam_finds_unsound_is_told_and_not_run(program, tmp_path):
+    real = program("checkMesh", "openfoam")
+    exporters.write(touching(gap=0.5), tmp_path, formats="openfoam", region=BOX, cells=5)
+    # The same check, as it would end for a skew mesh.
+    (tmp_path / "bin").mkdir()
+    check = tmp_path / "bin" / "checkMesh"
+    check.write_text(f"#!/bin/sh\n{real} | sed 's/^Mesh OK.*/ ***Max skewness = 17, 8 highly skew faces/'\n")
+    check.chmod(0o755)
+    path = {**ENVIRONMENT, "PATH": f"{check.parent}:{ENVIRONMENT['PATH']}"}
+    result = subprocess.run(["./Allrun"], cwd=tmp_path, env=path, capture_output=True, text=True, check=False)
+    assert result.returncode == 1
+    assert "checkMesh finds the mesh unsound:\nMax skewness = 17, 8 highly skew faces\n" in result.stderr
+    assert not (tmp_path / "log.simpleFoam").exists()

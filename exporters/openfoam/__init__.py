@@ -105,7 +105,7 @@ def files(
 ) -> dict[str, bytes]:
     """Return the files of a case: path in the case's folder to bytes.
 
-    Besides the dictionaries: ``constant/triSurface/grains.stl``, grains cut a tenth of a diameter outside the region;
+    Besides the dictionaries: ``constant/triSurface/grains.stl``, grains cut at the faces of the region;
     ``void.stl``, the region less the grains, closed, its patches inlet, outlet, sides and grains; ``case.json``, the
     report: porosity and surface area of the region before and after the contacts were treated, the smallest gap before
     and the cell size that would resolve it, the point of the void and its clearance, and the flow's numbers.
@@ -123,8 +123,7 @@ def files(
     axis = "xyz".index(options.axis)
     region = regions.choose(packing, options.region, axis, d)
     gap = 0.02 * d if options.gap is None else options.gap
-    margin = regions.MARGIN * d
-    grains = regions.gather(packing, region, margin + gap)
+    grains = regions.gather(packing, region, regions.REACH * gap)
     frame = Frame(region.lower.copy(), d)
     treated = treat(grains, options.contact, gap, frame)
     report = _report(grains, treated, region, frame, gap)
@@ -147,7 +146,7 @@ def files(
     )
     content = {path: text.encode() for path, text in texts(case).items()}
     content["constant/triSurface/grains.stl"] = binary(
-        surface.rounded(cut(treated.bodies, region, margin, frame), frame, shift)
+        surface.rounded(cut(treated.bodies, region, frame), frame, shift)
     )
     if len(region.planes):
         # Longer than the region: its ends are those of the background mesh.
@@ -199,7 +198,7 @@ def _report(grains: Packing, treated: Solids, region: Region, frame: Frame, gap:
 
 def _sizes(bodies: list[Any], region: Region, frame: Frame) -> tuple[float, float]:
     """Return the volume [m³] of bodies inside a region, and their surface [m²] there without the cuts."""
-    inside = cut(bodies, region, 0.0, frame)
+    inside = cut(bodies, region, frame)
     if len(region.planes):
         container = flow_domain(region, frame)
         inside = [part for body in inside if not (part := body ^ container).is_empty()]

@@ -10,6 +10,9 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
+SIDES = ("x_lower", "x_upper", "y_lower", "y_upper", "z_lower", "z_upper")
+"""Patches of the faces along the flow, all in the group ``sides``."""
+
 
 class Case(NamedTuple):
     """What the dictionaries say.
@@ -111,15 +114,21 @@ def _block_mesh(case: Case) -> str:
     ]
     vertices = "".join("    (" + " ".join(f"{x:.12g}" for x in corner) + ")\n" for corner in corners)
     faces = ["(0 4 7 3)", "(1 2 6 5)", "(0 1 5 4)", "(3 7 6 2)", "(0 3 2 1)", "(4 5 6 7)"]
-    inlet, outlet = faces.pop(2 * case.axis), faces.pop(2 * case.axis)
+    inlet, outlet = faces[2 * case.axis : 2 * case.axis + 2]
+    kind = "wall" if case.sides == "noSlip" else "patch"
+    # A patch a plane: snappyHexMesh keeps the points of a patch in its plane only where it is plane.
+    sides = "".join(
+        f"    {name} {{ type {kind}; inGroups (sides); faces ({face}); }}\n"
+        for k, (name, face) in enumerate(zip(SIDES, faces, strict=True))
+        if k // 2 != case.axis
+    )
     counts = " ".join(map(str, case.cells.tolist()))
     return (
         f"vertices\n(\n{vertices});\n"
         f"blocks\n(\n    hex (0 1 2 3 4 5 6 7) ({counts}) simpleGrading (1 1 1)\n);\nedges ();\nboundary\n(\n"
         f"    inlet {{ type patch; faces ({inlet}); }}\n"
         f"    outlet {{ type patch; faces ({outlet}); }}\n"
-        f"    sides {{ type {'wall' if case.sides == 'noSlip' else 'patch'}; faces ({' '.join(faces)}); }}\n"
-        ");\nmergePatchPairs ();\n"
+        f"{sides});\nmergePatchPairs ();\n"
     )
 
 
@@ -190,8 +199,8 @@ addLayersControls
 meshQualityControls
 {
     maxNonOrtho 70;
-    maxBoundarySkewness 20;
-    maxInternalSkewness 4;
+    maxBoundarySkewness 3.9;
+    maxInternalSkewness 3.9;
     maxConcave 80;
     minVol 1e-30;
     minTetQuality 1e-15;
@@ -329,6 +338,12 @@ for patch in inlet outlet; do
         exit 1
     fi
 done
+if ! grep -q '^Mesh OK' log.checkMesh; then
+    echo "checkMesh finds the mesh unsound:" >&2
+    sed -n 's/^ *[*][*][*]//p' log.checkMesh >&2
+    echo "Export the case with more cells, another gap or another treatment of contacts." >&2
+    exit 1
+fi
 cp -r 0.orig 0
 if [ "$n" -gt 1 ]; then
     sed -i "s/^numberOfSubdomains .*/numberOfSubdomains $n;/" system/decomposeParDict

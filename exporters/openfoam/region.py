@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-MARGIN = 0.1
-"""How far grains reach out of the flow domain before they are cut, in diameters: the cut is no wall of the flow."""
+REACH = 4.0
+"""How far outside the flow domain a grain may lie, in gaps, and still reach in: by its growth, or by a bridge."""
 
 PLENUM = 1.0
 """Free length before and behind a whole bed, in diameters: flow enters and leaves it evenly."""

@@ -117,10 +117,10 @@ def fused(bodies: list[Any]) -> list[Any]:
     return [manifold3d.Manifold.batch_boolean(bodies, manifold3d.OpType.Add)]
 
 
-def cut(bodies: list[Any], region: Region, margin: float, frame: Frame) -> list[Any]:
-    """Return what of the solids lies in a box grown by ``margin`` [m], each cut by the planes that cross it."""
-    lower = (region.lower - margin - frame.origin) / frame.length
-    upper = (region.upper + margin - frame.origin) / frame.length
+def cut(bodies: list[Any], region: Region, frame: Frame) -> list[Any]:
+    """Return what of the solids lies in a box, each cut by the planes that cross it."""
+    lower = (region.lower - frame.origin) / frame.length
+    upper = (region.upper - frame.origin) / frame.length
     kept = []
     for body in bodies:
         inside = body
