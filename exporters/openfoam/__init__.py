@@ -10,12 +10,12 @@ import numpy as np
 
 from exporters.check import check_choice, check_name, check_positive, measured
 from exporters.meshes.stl import binary
-from exporters.openfoam import region as regions
-from exporters.openfoam import surface
 from exporters.openfoam.dictionaries import Case, texts
 from exporters.openfoam.flow import Flow, flow, kozeny_carman
 from exporters.openfoam.point import void_point
-from exporters.openfoam.solids import TREATMENTS, Frame, Solids, as_manifolds, cut, flow_domain, fused, treat, void
+from exporters.void import region as regions
+from exporters.void import surface
+from exporters.void.solids import TREATMENTS, Frame, Solids, as_manifolds, cut, flow_domain, fused, treat, void
 from grainsdem.errors import InputError
 from grainsdem.geometry.triangles import vector_areas
 from grainsdem.packing import contacts
@@ -24,7 +24,7 @@ from grainsdem.roots import cube_roots
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from exporters.openfoam.region import Region
+    from exporters.void.region import Region
     from grainsdem.model import Packing
 
     Floats = NDArray[np.float64]

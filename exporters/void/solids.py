@@ -13,7 +13,7 @@ from grainsdem.packing import contacts, heal
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from exporters.openfoam.region import Region
+    from exporters.void.region import Region
     from grainsdem.model import ContactGraph, Packing
 
     Floats = NDArray[np.float64]
