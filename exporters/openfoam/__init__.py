@@ -10,13 +10,14 @@ import numpy as np
 
 from exporters.check import check_choice, check_name, check_positive, measured
 from exporters.meshes.stl import binary
-from exporters.openfoam.dictionaries import Case, texts
+from exporters.openfoam.dictionaries import SIDES, Case, texts
 from exporters.openfoam.flow import Flow, flow, kozeny_carman
 from exporters.openfoam.point import void_point
 from exporters.void import region as regions
 from exporters.void import surface
 from exporters.void.solids import TREATMENTS, Frame, Solids, as_manifolds, cut, flow_domain, fused, treat, void
 from grainsdem.errors import InputError
+from grainsdem.geometry.bounds import boxes
 from grainsdem.geometry.triangles import vector_areas
 from grainsdem.packing import contacts
 from grainsdem.roots import cube_roots
@@ -38,9 +39,10 @@ class OpenFoamOptions:
 
     Parameters
     ----------
-    region : {"core", "bed"} or tuple of two array_like, shape (3,)
+    region : {"core", "bed", "periodic"} or tuple of two array_like, shape (3,)
         The inside of the bed, away from its walls; the whole bed between its walls, with a diameter of free length
-        before and behind it; or the corners [m] of a box.
+        before and behind it; the whole cell of a bed that is periodic along the flow, its opposite faces ``cyclic`` and
+        the fluid driven by a mean pressure gradient, so that flow has no ends; or the corners [m] of a box.
     axis : {"x", "y", "z"}
         Along which fluid flows, from the lower face to the upper.
     contact : {"shrink", "cap", "bridge", "union", "none"}
@@ -68,7 +70,7 @@ class OpenFoamOptions:
         If an option is out of range.
     """
 
-    region: Literal["core", "bed"] | tuple[ArrayLike, ArrayLike] = "core"
+    region: Literal["core", "bed", "periodic"] | tuple[ArrayLike, ArrayLike] = "core"
     axis: Literal["x", "y", "z"] = "z"
     contact: Literal["shrink", "cap", "bridge", "union", "none"] = "shrink"
     gap: float | None = None
@@ -123,7 +125,10 @@ def files(
     axis = "xyz".index(options.axis)
     region = regions.choose(packing, options.region, axis, d)
     gap = 0.02 * d if options.gap is None else options.gap
-    grains = regions.gather(packing, region, regions.REACH * gap)
+    beyond = regions.BEYOND * d if any(region.cyclic) else 0.0
+    # Every grain of a periodic cell with all its neighbours: its images are to be treated alike.
+    reach = regions.REACH * gap + beyond + (_widest(packing) if any(region.cyclic) else 0.0)
+    grains = regions.gather(packing, region, reach)
     frame = Frame(region.lower.copy(), d)
     treated = treat(grains, options.contact, gap, frame)
     report = _report(grains, treated, region, frame, gap)
@@ -143,10 +148,11 @@ def files(
         options.viscosity,
         drop,
         bool(len(region.planes)),
+        region.cyclic,
     )
     content = {path: text.encode() for path, text in texts(case).items()}
     content["constant/triSurface/grains.stl"] = binary(
-        surface.rounded(cut(treated.bodies, region, frame), frame, shift)
+        surface.rounded(cut(treated.bodies, region.grown(beyond), frame), frame, shift)
     )
     if len(region.planes):
         # Longer than the region: its ends are those of the background mesh.
@@ -161,6 +167,7 @@ def files(
         "upper": (region.upper + shift).tolist(),
         "moved_by": shift.tolist(),
         "axis": options.axis,
+        "periodic": region.cyclic[axis],
         "mean_diameter": d,
         "cells": cells.tolist(),
         "cell_size": d / options.cells / 2**options.level,
@@ -172,6 +179,12 @@ def files(
     }
     content["case.json"] = (json.dumps(report, indent=2) + "\n").encode()
     return content
+
+
+def _widest(packing: Packing) -> float:
+    """Return the longest edge [m] of the box around any grain."""
+    lower, upper = boxes(packing)
+    return float((upper - lower).max())
 
 
 def _report(grains: Packing, treated: Solids, region: Region, frame: Frame, gap: float) -> dict[str, Any]:
@@ -228,12 +241,10 @@ def _void(treated: Solids, region: Region, frame: Frame, axis: int, shift: Float
     """Return the void as closed ASCII STL, one solid a patch."""
     triangles = surface.rounded([void(treated.bodies, region, frame)], frame, shift).astype(np.float64)
     face = surface.on_faces(triangles, region.moved(shift), frame.length)
-    ends = (2 * axis, 2 * axis + 1)
-    patches = {
-        "inlet": triangles[face == ends[0]],
-        "outlet": triangles[face == ends[1]],
-        "sides": triangles[(face >= 0) & (face < 6) & ~np.isin(face, ends)],
-        "walls": triangles[face >= 6],
-        "grains": triangles[face < 0],
-    }
-    return surface.ascii_stl({name: part for name, part in patches.items() if len(part)})
+    names = [
+        SIDES[k] if region.cyclic[k // 2] else ("inlet", "outlet")[k % 2] if k // 2 == axis else "sides"
+        for k in range(6)
+    ]
+    patch_of = np.array([*names, *["walls"] * len(region.planes), "grains"])[face]
+    order = [*dict.fromkeys(["inlet", "outlet", *sorted(set(names) - {"inlet", "outlet"}), "walls", "grains"])]
+    return surface.ascii_stl({name: part for name in order if len(part := triangles[patch_of == name])})
