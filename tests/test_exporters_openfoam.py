@@ -148,6 +148,54 @@ def test_grains_of_a_periodic_bed_reach_in_from_the_other_side():
     assert case["porosity"] == pytest.approx(0.5, abs=1e-9)
 
 
+def tiled(n=12, periodic=(True, True, True), **shrinking):
+    domain = Domain(np.zeros(3), np.full(3, 3e-3), periodic=periodic)
+    cells = tessellate(relax(poisson(domain, n, rng=4), domain, iterations=5), domain)
+    return shrink(carve(cells), **shrinking)
+
+
+@pytest.mark.unit
+@pytest.mark.parametrize(
+    "contact", ["shrink", "bridge", *(pytest.param(k, marks=pytest.mark.slow) for k in ("cap", "union"))]
+)
+def test_opposite_faces_of_a_periodic_cell_are_one(contact):
+    # Gaps are about the one asked for: images of a grain must be treated alike.
+    bed = tiled(n=30, scale=0.9)
+    content, case = case_of(bed, region="periodic", contact=contact, gap=0.1e-3, cells=40)
+    assert case["periodic"]
+    assert case["near_contacts"] > 10
+    parts = {}
+    for text in content["void.stl"].decode().split("endsolid")[:-1]:
+        name = re.search(r"solid (\w+)\nfacet", text)[1]
+        parts[name] = np.array(re.findall(r"vertex (\S+) (\S+) (\S+)", text), float).reshape(-1, 3, 3)
+    assert set(parts) == {"grains", *(f"{axis}_{side}" for axis in "xyz" for side in ("lower", "upper"))}
+    for k, axis in enumerate("xyz"):
+        corners = [np.unique(parts[f"{axis}_{side}"].reshape(-1, 3), axis=0) for side in ("lower", "upper")]
+        shifted = corners[0] + 3e-3 * np.eye(3)[k]
+        for a, b in ((shifted, corners[1]), (corners[1], shifted)):
+            # A corner of one is a corner of the other, or lies on an edge of it that is cut in two.
+            away = np.linalg.norm(a[:, None] - b[None], axis=2).min(axis=1)
+            assert (away < 1e-9).mean() > 0.9
+        areas = [
+            np.linalg.norm(trimesh.triangles.cross(parts[f"{axis}_{side}"]), axis=1).sum()
+            for side in ("lower", "upper")
+        ]
+        assert areas[0] == pytest.approx(areas[1], rel=1e-6)
+
+
+@pytest.mark.unit
+def test_a_cell_that_is_periodic_along_the_flow_only_has_sides():
+    content, _ = case_of(tiled(periodic=(False, False, True), n=40, porosity=0.5), region="periodic", cells=10)
+    mesh, velocity, pressure = (content[name].decode() for name in ("system/blockMeshDict", "0.orig/U", "0.orig/p"))
+    assert "z_lower { type cyclic; neighbourPatch z_upper; faces ((0 3 2 1)); }" in mesh
+    assert "x_lower { type wall; inGroups (sides); faces ((0 4 7 3)); }" in mesh
+    assert "sides { type noSlip; }" in velocity
+    for text in (mesh, velocity, pressure):
+        assert "inlet" not in text
+        assert "outlet" not in text
+    assert "injectionRateSuSp { U ((0 0 " in content["constant/fvOptions"].decode()
+
+
 @pytest.mark.unit
 def test_a_cylinder_brings_its_walls():
     domain = Domain.cylinder(1.0, 2.0, sides=16)
@@ -177,9 +225,10 @@ def test_the_same_packing_gives_the_same_bytes(fresh):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"region": "middle"}, "'core', 'bed' or the two corners"),
+        ({"region": "middle"}, "'core', 'bed', 'periodic' or the two corners"),
+        ({"region": "periodic"}, "region='periodic' needs a bed that is periodic along the flow, z"),
         ({"region": ([0, 0, 0], [1, 1, 1])}, "the box must lie in the domain"),
-        ({"region": ([0, 0], [1, 1])}, "'core', 'bed' or the two corners"),
+        ({"region": ([0, 0], [1, 1])}, "'core', 'bed', 'periodic' or the two corners"),
         ({"axis": "w"}, "axis must be one of x, y, z; got 'w'"),
         ({"contact": "glue"}, "contact must be one of shrink, cap, bridge, union, none; got 'glue'"),
         ({"gap": -1.0}, "gap must be positive"),
@@ -235,6 +284,15 @@ def test_permeability_is_darcys(tmp_path, fresh):
     assert found.is_steady
     table.write_text("# Time\tsum(phi)\n1\t5e-13\n2\t1e-12\n")
     assert not openfoam.flow(tmp_path).is_steady
+    # Of a periodic cell, the integral of velocity in place of the flow rate.
+    (tmp_path / "case.json").write_text(json.dumps({**case, "periodic": True}))
+    with pytest.raises(MissingFileError, match="holds no flow rate"):
+        openfoam.flow(tmp_path)
+    table = tmp_path / "postProcessing" / "drift" / "0" / "volFieldValue.dat"
+    table.parent.mkdir(parents=True)
+    drift = 1e-12 * size[2]
+    table.write_text(f"# Time\tvolIntegrate(U)\n1\t(0 0 {drift:.12g})\n2\t(1e-15 -2e-15 {drift:.12g})\n")
+    assert openfoam.flow(tmp_path).permeability == pytest.approx(found.permeability)
 
 
 @pytest.mark.unit
@@ -309,6 +367,27 @@ def test_openfoam_runs_the_case_as_it_stands_and_finds_the_permeability_of_kozen
     assert found.is_steady
     assert 0.5 < found.permeability / found.kozeny_carman < 2
     assert found.reynolds < 0.1
+
+
+@pytest.mark.client
+def test_a_periodic_cell_has_the_permeability_of_its_box_without_the_ends(program, tmp_path):
+    program("simpleFoam", "openfoam")
+    bed = tiled(porosity=0.5)
+    found = {}
+    for name, region in (("cell", "periodic"), ("box", (bed.domain.lower, bed.domain.upper))):
+        folder = tmp_path / name
+        exporters.write(bed, folder, formats="openfoam", region=region, cells=12, void_mesh=False)
+        result = subprocess.run(["./Allrun"], cwd=folder, env=ENVIRONMENT, capture_output=True, text=True, check=False)
+        assert result.returncode == 0, result.stdout[-2000:] + result.stderr[-500:]
+        found[name] = openfoam.flow(folder)
+        assert found[name].is_steady
+    assert "Mesh OK." in (tmp_path / "cell" / "log.checkMesh").read_text()
+    mesh = (tmp_path / "cell" / "constant" / "polyMesh" / "boundary").read_text()
+    assert mesh.count(" cyclic;") == 6
+    faces = re.findall(r"[xyz]_\w+\n[^}]*?nFaces +(\d+);", mesh)
+    assert faces[::2] == faces[1::2]
+    assert found["cell"].permeability == pytest.approx(found["box"].permeability, rel=0.2)
+    assert 0.5 < found["cell"].permeability / found["cell"].kozeny_carman < 2
 
 
 @pytest.mark.client
