@@ -161,7 +161,7 @@ def tiled(n=12, periodic=(True, True, True), **shrinking):
 def test_opposite_faces_of_a_periodic_cell_are_one(contact):
     # Gaps are about the one asked for: images of a grain must be treated alike.
     bed = tiled(n=30, scale=0.9)
-    content, case = case_of(bed, region="periodic", contact=contact, gap=0.1e-3, cells=40)
+    content, case = case_of(bed, region="periodic", contact=contact, gap=0.1e-3, cells=60)
     assert case["periodic"]
     assert case["near_contacts"] > 10
     parts = {}
@@ -181,6 +181,44 @@ def test_opposite_faces_of_a_periodic_cell_are_one(contact):
             for side in ("lower", "upper")
         ]
         assert areas[0] == pytest.approx(areas[1], rel=1e-6)
+
+
+@pytest.mark.unit
+def test_each_grain_has_a_patch_of_its_own_where_asked(monkeypatch):
+    bed = tiled(porosity=0.5)
+    content, _ = case_of(bed, region="periodic", cells=10, per_grain=True, void_mesh=False)
+    names = re.findall(r"^solid (\w+)$", content["constant/triSurface/grains.stl"].decode(), re.MULTILINE)
+    # Twelve grains, with all their images.
+    assert names == [f"g{i:06d}" for i in range(12)]
+    one, _ = case_of(bed, region="periodic", cells=10, void_mesh=False)
+    areas = [surface(part).area for part in (content, one)]
+    assert areas[0] == pytest.approx(areas[1], rel=1e-6)
+    assert "inGroups (grains)" in content["system/snappyHexMeshDict"].decode()
+    with pytest.raises(
+        InputError, match="per_grain needs grains that stay apart: contact shrink, cap or none; got 'union'"
+    ):
+        case_of(bed, region="periodic", contact="union", per_grain=True)
+    monkeypatch.setattr(openfoam, "MOST_PATCHES", 5)
+    with pytest.raises(InputError, match="a patch a grain, at most 5; got 12 grains"):
+        case_of(bed, region="periodic", cells=10, per_grain=True)
+
+
+@pytest.mark.client
+@pytest.mark.parametrize("contact", ["shrink", "cap"])
+def test_openfoam_has_a_patch_a_grain_and_runs(contact, program, tmp_path):
+    program("simpleFoam", "openfoam")
+    bed = cube_packing([[3.0, 5, 5], [7, 5, 5], [5, 5, 9], [5, 1, 1.2]])
+    # The last two are cut by the box.
+    exporters.write(bed, tmp_path, formats="openfoam", region=BOX, cells=5, per_grain=True, contact=contact)
+    result = subprocess.run(["./Allrun"], cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stdout[-2000:] + result.stderr[-500:]
+    patches = re.findall(
+        r"(\w+)\n +{\n +type +wall;\n +inGroups[^(]*\(grains wall\);\n +nFaces +(\d+)",
+        (tmp_path / "constant/polyMesh/boundary").read_text(),
+    )
+    assert [name for name, _ in patches] == [f"grains_g{i:06d}" for i in range(4)]
+    assert all(int(faces) > 20 for _, faces in patches)
+    assert openfoam.flow(tmp_path).is_steady
 
 
 @pytest.mark.unit

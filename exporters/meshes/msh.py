@@ -121,7 +121,7 @@ def _void(
     axis = "xyz".index(options.axis)
     region = regions.choose(packing, options.box, axis, d)
     gap = 0.02 * d if options.gap is None else options.gap
-    grains = regions.gather(packing, region, regions.REACH * gap)
+    grains, _ = regions.gather(packing, region, regions.REACH * gap)
     frame = Frame(region.lower.copy(), d)
     solid = void(treat(grains, options.contact, gap, frame).bodies, region, frame)
     if solid.is_empty():

@@ -63,6 +63,9 @@ class OpenFoamOptions:
         Where the case's origin lies: that of the packing, or the region's lower corner.
     void_mesh : bool
         Whether the void is also written as a closed surface of its own, one solid a patch, for other meshers.
+    per_grain : bool
+        Whether each grain has a patch of its own, ``grains_g000012``, all in the group ``grains``; images of one grain
+        share it. Needs grains that stay apart (``"shrink"``, ``"cap"``, ``"none"``), at most `MOST_PATCHES` of them.
 
     Raises
     ------
@@ -80,6 +83,7 @@ class OpenFoamOptions:
     viscosity: float = 1e-6
     origin: Literal["world", "region"] = "world"
     void_mesh: bool = True
+    per_grain: bool = False
 
     def __post_init__(self) -> None:
         check_choice("axis", self.axis, ("x", "y", "z"))
@@ -89,14 +93,21 @@ class OpenFoamOptions:
             check_positive("gap", self.gap)
         for name in ("cells", "reynolds", "viscosity"):
             check_positive(name, getattr(self, name))
+        if self.per_grain and self.contact in ("bridge", "union"):
+            raise InputError(
+                f"per_grain needs grains that stay apart: contact shrink, cap or none; got {self.contact!r}"
+            )
         if not (isinstance(self.level, int) and 0 <= self.level <= 5):
             raise InputError(f"level must be a whole number from 0 to 5; got {self.level!r}")
 
 
 Options = OpenFoamOptions
 
+MOST_PATCHES = 1000
+"""Patches of grains that a case may have: every field holds each, and every process tells every other of each."""
+
 LOSES = (
-    "Grains are one surface, with contacts treated as the case's report says: triangles know neither grain nor class.",
+    "Grains are one surface unless told, with contacts treated as the case's report says; classes are not carried.",
     "Masses and poses are not carried.",
 )
 """What the format does not carry."""
@@ -128,7 +139,7 @@ def files(
     beyond = regions.BEYOND * d if any(region.cyclic) else 0.0
     # Every grain of a periodic cell with all its neighbours: its images are to be treated alike.
     reach = regions.REACH * gap + beyond + (_widest(packing) if any(region.cyclic) else 0.0)
-    grains = regions.gather(packing, region, reach)
+    grains, numbers = regions.gather(packing, region, reach)
     frame = Frame(region.lower.copy(), d)
     treated = treat(grains, options.contact, gap, frame)
     report = _report(grains, treated, region, frame, gap)
@@ -149,10 +160,14 @@ def files(
         drop,
         bool(len(region.planes)),
         region.cyclic,
+        options.per_grain,
     )
     content = {path: text.encode() for path, text in texts(case).items()}
-    content["constant/triSurface/grains.stl"] = binary(
-        surface.rounded(cut(treated.bodies, region.grown(beyond), frame), frame, shift)
+    around = region.grown(beyond)
+    content["constant/triSurface/grains.stl"] = (
+        _named(treated, numbers, around, frame, shift)
+        if options.per_grain
+        else binary(surface.rounded(cut(treated.bodies, around, frame), frame, shift))
     )
     if len(region.planes):
         # Longer than the region: its ends are those of the background mesh.
@@ -179,6 +194,19 @@ def files(
     }
     content["case.json"] = (json.dumps(report, indent=2) + "\n").encode()
     return content
+
+
+def _named(treated: Solids, numbers: NDArray[np.int64], region: Region, frame: Frame, shift: Floats) -> bytes:
+    """Return the grains as ASCII STL, one named solid a grain, images of it included."""
+    parts: dict[int, list[Floats]] = {}
+    for body, number in zip(treated.bodies, numbers.tolist(), strict=True):
+        if inside := cut([body], region, frame):
+            parts.setdefault(number, []).append(surface.rounded(inside, frame, shift).astype(np.float64))
+    if len(parts) > MOST_PATCHES:
+        raise InputError(
+            f"per_grain makes a patch a grain, at most {MOST_PATCHES}; got {len(parts)} grains in the region"
+        )
+    return surface.ascii_stl({f"g{number:06d}": np.concatenate(parts[number]) for number in sorted(parts)})
 
 
 def _widest(packing: Packing) -> float:

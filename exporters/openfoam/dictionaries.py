@@ -40,6 +40,8 @@ class Case(NamedTuple):
         Whether there is a surface of the container's walls besides that of the grains.
     cyclic : tuple of bool, shape (3,)
         Along which axes opposite faces are one; along the flow, the pressure's mean gradient is a force on the fluid.
+    per_grain : bool
+        Whether the surface of grains has a region a grain.
     """
 
     lower: Floats
@@ -53,6 +55,7 @@ class Case(NamedTuple):
     pressure_drop: float
     has_walls: bool
     cyclic: tuple[bool, bool, bool] = (False, False, False)
+    per_grain: bool = False
 
     @property
     def is_periodic(self) -> bool:
@@ -176,10 +179,13 @@ def _block_mesh(case: Case) -> str:
 
 def _snappy(case: Case) -> str:
     names = surfaces(case)
+    # What fields say of the group holds for each patch in it.
+    groups = {"grains": " inGroups (grains);"} if case.per_grain else {}
     geometry = "".join(f"    {name}.stl {{ type triSurfaceMesh; name {name}; }}\n" for name in names)
     features = "".join(f'        {{ file "{name}.eMesh"; level {case.level}; }}\n' for name in names)
     refined = "".join(
-        f"        {name} {{ level ({case.level} {case.level}); patchInfo {{ type wall; }} }}\n" for name in names
+        f"        {name} {{ level ({case.level} {case.level}); patchInfo {{ type wall;{groups.get(name, '')} }} }}\n"
+        for name in names
     )
     return (
         f"castellatedMesh true;\nsnap true;\naddLayers false;\ngeometry\n{{\n{geometry}}}\n"

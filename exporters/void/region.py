@@ -107,10 +107,10 @@ def choose(packing: Packing, region: str | tuple[ArrayLike, ArrayLike], axis: in
     return Region(*_mid_plane(domain, lower, upper), is_bed=False, planes=np.empty((0, 4)))
 
 
-def gather(packing: Packing, region: Region, reach: float) -> Packing:
+def gather(packing: Packing, region: Region, reach: float) -> tuple[Packing, NDArray[np.int64]]:
     """Return the grains, periodic images included, whose boxes come nearer to the region than ``reach`` [m].
 
-    The result is a plain packing: its domain is a box around the grains, and nothing wraps.
+    The result is a plain packing: its domain is a box around the grains, and nothing wraps. With it come their numbers.
 
     Raises
     ------
@@ -133,7 +133,7 @@ def gather(packing: Packing, region: Region, reach: float) -> Packing:
         np.minimum((lower[chosen] + moved).min(axis=0), region.lower) - 10 * reach,
         np.maximum((upper[chosen] + moved).max(axis=0), region.upper) + 10 * reach,
     )
-    return Packing(
+    found = Packing(
         grains,
         packing.positions[chosen] + moved,
         packing.quaternions[chosen],
@@ -143,6 +143,7 @@ def gather(packing: Packing, region: Region, reach: float) -> Packing:
         frictions=packing.frictions_of(chosen),
         classes=packing.classes_of(chosen),
     )
+    return found, chosen
 
 
 def _core(packing: Packing) -> tuple[Floats, Floats]:
