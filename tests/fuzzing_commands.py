@@ -587,10 +587,11 @@ def tell(rows):
 
 def doors_of(words, folder):
     """Return the cases of each door by its name."""
+    movers = moving()
     doors = {}
     if not words or set(words) & set(commands()):
         for case in command_cases(folder, words):
-            door = "commands that move" if case.name in moving() else "commands that grow and measure"
+            door = "commands that move" if case.name in movers else "commands that grow and measure"
             doors.setdefault(door, []).append(case)
     if not words or not set(words) <= set(commands()):
         doors["recipes and surveys"] = list(recipe_cases(words))
