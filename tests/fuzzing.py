@@ -10,9 +10,11 @@ import contextlib
 import inspect
 import io
 import os
+import re
 import signal
 import sys
 import tempfile
+import time
 import types
 import warnings
 from functools import cache
@@ -314,11 +316,37 @@ def tried(folder, words):
                 yield name, argument.name, word, outcome(function, {**right, argument.name: value})
 
 
+FAULTS = {
+    "traceback": "",
+    "crash": "ended the process",
+    "hang": "hung |took ",
+    "bare error": "",
+    "several lines": r"\w+ of \d+ lines",
+    "warning from below": "a warning|printed ",
+    "left-over": "left-over",
+    "right call refused": "",
+}
+"""Columns of the table, and how words for what was wrong begin."""
+
+
+def sort_of(wrong):
+    """Return the column for what was wrong: where no other is meant, an error of another's kind."""
+    return next((sort for sort, begin in FAULTS.items() if begin and re.match(begin, wrong)), "bare error")
+
+
+def tell(rows):
+    """Print a table with a row of counts for each door."""
+    print("| door | tried | " + " | ".join(FAULTS) + " |")  # noqa: T201
+    print("|---" * (len(FAULTS) + 2) + "|")  # noqa: T201
+    for door, row in rows.items():
+        print(f"| {door} | {row['tried']} | " + " | ".join(str(row[sort]) for sort in FAULTS) + " |")  # noqa: T201
+
+
 def main():
     """Print what was wrong, call by call, and how many calls there were of each kind."""
     folder = tempfile.mkdtemp()
     os.chdir(folder)
-    found, n = collections.Counter(), 0
+    row, n, begun = collections.Counter(), 0, time.monotonic()
     before = ""
     for name, argument, word, wrong in tried(folder, sys.argv[1:]):
         n += 1
@@ -326,9 +354,13 @@ def main():
             print(f"{n} calls before {name}", file=sys.stderr, flush=True)  # noqa: T201
             before = name
         if wrong:
-            found[wrong.partition(":")[0]] += 1
+            row[sort_of(wrong)] += 1
             print(f"{name} | {argument} = {word} | {wrong}", flush=True)  # noqa: T201  (what it is run for)
-    print(f"{n} calls, {found.total()} of them wrong: {dict(found)}")  # noqa: T201
+    hidden = [path.name for path in Path(folder).rglob(".*")]
+    if hidden:
+        print(f"left-over: {', '.join(hidden)}")  # noqa: T201
+    print(f"{n} calls in {time.monotonic() - begun:.0f} s")  # noqa: T201
+    tell({"functions": row + collections.Counter({"tried": n, "left-over": len(hidden)})})
 
 
 if __name__ == "__main__":

@@ -26,7 +26,7 @@ from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
 
-from fuzzing import outcome
+from fuzzing import outcome, sort_of, tell
 from pydantic import BaseModel
 from typer.main import get_command
 
@@ -530,17 +530,6 @@ def wrong(case, status, told, left):
 NEVER = ("permeability", "own-part")
 """Commands that no file of ours is enough for."""
 
-KINDS = (
-    "traceback",
-    "crash",
-    "hang",
-    "bare error",
-    "several lines",
-    "warning from below",
-    "left-over",
-    "right call refused",
-)
-
 
 def tried(cases, folder):
     """Yield each case with what was wrong with it, or nothing."""
@@ -578,13 +567,6 @@ def counted(door, cases, folder):
     return row
 
 
-def tell(rows):
-    """Print the table of all doors."""
-    print("| door | tried | " + " | ".join(KINDS) + " |")  # noqa: T201
-    for door, row in rows.items():
-        print(f"| {door} | {row['tried']} | " + " | ".join(str(row[kind]) for kind in KINDS) + " |")  # noqa: T201
-
-
 def doors_of(words, folder):
     """Return the cases of each door by its name."""
     movers = moving()
@@ -609,10 +591,7 @@ def let_through(recipes, folder):
     for case, fault in faults:
         print(f"recipe | {case.argument} = {case.value} | {fault}", flush=True)  # noqa: T201
     runs = [*passed, *(case for case in recipes if case.name != "run")]
-    kinds = {"hung": "hang", "a warning": "warning from below"}
-    row = collections.Counter(
-        next((kind for word, kind in kinds.items() if fault.startswith(word)), "bare error") for _, fault in faults
-    )
+    row = collections.Counter(sort_of(fault) for _, fault in faults)
     row["tried"] = len(recipes) - len(runs)
     print(f"recipes read: {len(recipes)}, wrong: {len(faults)}, to be run: {len(runs)}", flush=True)  # noqa: T201
     return runs, row
