@@ -567,15 +567,15 @@ def counted(door, cases, folder):
     return row
 
 
-def doors_of(words, folder):
+def doors_of(only, words, folder):
     """Return the cases of each door by its name."""
     movers = moving()
     doors = {}
-    if not words or set(words) & set(commands()):
+    if only != "recipes" and (not words or set(words) & set(commands())):
         for case in command_cases(folder, words):
             door = "commands that move" if case.name in movers else "commands that grow and measure"
             doors.setdefault(door, []).append(case)
-    if not words or not set(words) <= set(commands()):
+    if only != "commands" and (not words or not set(words) <= set(commands())):
         doors["recipes and surveys"] = list(recipe_cases(words))
     return doors
 
@@ -606,7 +606,7 @@ def all_of_it(given):
         prepare(folder)
         preload()
         rows = {}
-        for door, cases in doors_of(words, folder).items():
+        for door, cases in doors_of(given.only, words, folder).items():
             chosen = cases
             if door == "recipes and surveys":
                 chosen = cases if most is None else sample(cases, 3 * most)
@@ -620,6 +620,7 @@ def main_of_it():
     """Read what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("words", nargs="*")
+    parser.add_argument("--only", choices=("commands", "recipes"))
     parser.add_argument("--every", type=int, default=1, help="take one case of so many")
     parser.add_argument("--first", type=int, default=0, help="cases left out before it")
     all_of_it(parser.parse_args())
