@@ -31,7 +31,8 @@ from pydantic import BaseModel
 from typer.main import get_command
 
 import grainsdem as gd
-from grainsdem.cli import app, main
+from grainsdem.__main__ import main
+from grainsdem.cli import app
 from grainsdem.cli.guard import Written
 from grainsdem.recipe.experiments.tables import experiment_tables
 from grainsdem.recipe.tables import VIEWS, recipe_model
