@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
+import sys
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from grainsdem.errors import InputError, name_offenders
+from grainsdem.errors import InputError, name_offenders, shown
 from grainsdem.geometry.integrals import Integrals, integrate
 from grainsdem.model import Packing, Polyhedra
 from grainsdem.options import coefficients
@@ -92,8 +92,8 @@ def class_texts(packing: Packing, pattern: str) -> list[str]:
 def check_positive(name: str, value: float, *, or_zero: bool = False) -> None:
     """Raise `InputError` unless ``value`` is a finite number above zero (or zero)."""
     is_number = isinstance(value, (int, float, np.number))
-    if not (is_number and math.isfinite(value) and (value > 0 or (or_zero and value == 0))):
-        raise InputError(f"{name} must be {'zero or more' if or_zero else 'positive'} and finite; got {value!r}")
+    if not (is_number and value <= sys.float_info.max and (value > 0 or (or_zero and value == 0))):
+        raise InputError(f"{name} must be {'zero or more' if or_zero else 'positive'} and finite; got {shown(value)}")
 
 
 def checked_coefficients(name: str, given: float | Mapping[str, float] | str | None) -> Any:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import collections
 import contextlib
+import dataclasses
 import inspect
 import io
 import os
@@ -21,6 +22,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+from scipy import stats
 
 import exporters
 import grainsdem as gd
@@ -174,6 +176,30 @@ def pool(folder):
         "forms": gd.Forms(elongation=0.7),
         "pictures": [np.zeros((4, 4))],
         "layers": [gd.Layer(gd.Grading([1e-3, 2e-3], [0.0, 1.0]))],
+        "gd.placed_cells.size": lambda x, *_: np.full(len(x), 1e-3),
+        "gd.Domain.hopper.top": [2e-3, 2e-3],
+        "gd.Domain.hopper.bottom": [1e-3, 1e-3],
+        "gd.Metric.along.ratios": (0.7, 0.7),
+        "gd.CameraLens.of.view": view,
+        "gd.CameraLens.of.distortion": [0.01, 0.0],
+        "lens": gd.CameraLens(0.01, 0.0, (8, 8)),
+        "lengths": [3e-3, 3e-3],
+        "gd.Domain.box.lengths": [3e-3, 3e-3, 3e-3],
+        "openings": [1e-3, 2e-3, 4e-3],
+        "passing": [10.0, 50.0, 100.0],
+        "retained": [1.0, 2.0, 0.0],
+        "distribution": stats.lognorm(0.3, scale=1e-3),
+        "law": gd.LogHyperbolic(2.0, 0.5, 0.3, -7.0),
+        "metric": gd.Metric(np.eye(3)),
+        "sheet": gd.SieveSheet.from_passing([1e-3, 2e-3], [10.0, 90.0]),
+        "grade": gd.points.Grade(2.0),
+        "kernel": gd.SectionKernel.ball(),
+        "ellipse": gd.Lens((1.0, 1.0, 1.0), (1.0, 1.0, 1.0)),
+        "links": packing.links,
+        "report": gd.validate(packing),
+        "gd.recipe.varied.changes": {"seeds.count": 8},
+        "gd.survey.means.table": gd.table(packing),
+        "gd.widths.direction": [0.0, 0.0, 1.0],
         "experiment": gd.tilt,
         "friction": 0.5,
         "tell": print,
@@ -224,6 +250,11 @@ def constructors():
 def valid(name, function, folder):
     """Return arguments by name that a function should take, as far as the pool has them."""
     from_pool = pool(folder)
+    alike = next(
+        (one for one in from_pool.values() if type(one) is function and dataclasses.is_dataclass(function)), None
+    )
+    if alike is not None:
+        return {field.name: getattr(alike, field.name) for field in dataclasses.fields(alike) if field.init}
     given = {}
     for parameter in inspect.signature(function).parameters.values():
         if parameter.default is not parameter.empty or parameter.kind in (
@@ -237,6 +268,13 @@ def valid(name, function, folder):
                 given[parameter.name] = from_pool[key]
                 break
     return given
+
+
+def lacking(function, given):
+    """Return the arguments that a call lacks."""
+    found = inspect.signature(function).parameters.values()
+    needed = [one for one in found if one.kind not in (one.VAR_KEYWORD, one.VAR_POSITIONAL)]
+    return [one.name for one in needed if one.default is one.empty and one.name not in given]
 
 
 class HungError(Exception):
@@ -301,6 +339,8 @@ def tried(folder, words):
             continue
         is_long = name in LONG or name.rpartition(".")[2] in LONG
         right = valid(name, function, folder)
+        if inspect.isclass(function) and lacking(function, right):  # made by functions, by nobody else
+            continue
         for argument in inspect.signature(function).parameters.values():
             if argument.kind in (argument.VAR_KEYWORD, argument.VAR_POSITIONAL):
                 continue
