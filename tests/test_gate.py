@@ -147,6 +147,25 @@ def test_what_is_of_no_kind_that_a_function_takes_gets_one_line(name, folder, mo
     assert wrong == {}
 
 
+def test_odd_values_of_what_nouns_are_made_of_get_one_line(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    tried = list(fuzzing.tried(folder, (), fuzzing.constructors()))
+    assert len({name for name, *_ in tried}) > 25
+    assert [found for found in tried if found[-1]] == []
+
+
+def test_numbers_that_python_alone_holds_are_refused(folder):
+    packing = fuzzing.pool(folder)["packing"]
+    for call, words in (
+        (lambda: gd.settle(packing, friction=10**4400), "friction must be .* got a number of thousands of digits"),
+        (lambda: gd.dynamics.tap(packing, taps=10**4400), "taps: input should be at most 9223372036854775807"),
+        (lambda: gd.placed_cells(gd.Domain.cube(), lambda x, *_: x + 1, n=2**62), "cells"),
+        (lambda: gd.section_profile(packing, 10**7), "from one to 100000 levels; got 10000000"),
+    ):
+        with pytest.raises(InputError, match=words):
+            call()
+
+
 @pytest.mark.parametrize("lengths", [(1e-308,) * 3, (1e308,) * 3, (1e-3, 1e-3, 1e30), (1e-3, 1e-3, 1e9)])
 def test_a_domain_of_no_size_that_matter_has_is_refused(lengths):
     with pytest.raises(InputError, match="edges must be between 1e-30 and 1e\\+30 m"):
