@@ -101,8 +101,8 @@ def checked_coefficients(name: str, given: float | Mapping[str, float] | str | N
     try:
         return coefficients(given)
     except ValueError as error:
-        shown = "" if isinstance(given, Mapping) else f"; got {given!r}"
-        raise InputError(f"{name} {error}{shown}") from None
+        got = "" if isinstance(given, Mapping) else f"; got {shown(given)}"
+        raise InputError(f"{name} {error}{got}") from None
 
 
 def check_name(name: str) -> None:

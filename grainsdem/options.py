@@ -10,6 +10,7 @@ import inspect
 import math
 import os
 import re
+import sys
 from collections.abc import Mapping
 from types import UnionType
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeVar, Union, get_args, get_origin
@@ -130,7 +131,7 @@ def _read(text: str) -> float | dict[str, float]:
 
 
 def _is_coefficient(value: object) -> bool:
-    return _is_number(value) and 0 <= value < math.inf  # type: ignore[operator]
+    return _is_number(value) and 0 <= value <= sys.float_info.max  # type: ignore[operator]
 
 
 Coefficient = Annotated[float, Field(ge=0)]

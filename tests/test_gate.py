@@ -158,6 +158,7 @@ def test_numbers_that_python_alone_holds_are_refused(folder):
     packing = fuzzing.pool(folder)["packing"]
     for call, words in (
         (lambda: gd.settle(packing, friction=10**4400), "friction must be .* got a number of thousands of digits"),
+        (lambda: gd.settle(packing, wall_friction=10**4400), "wall_friction must be zero or more and finite"),
         (lambda: gd.dynamics.tap(packing, taps=10**4400), "taps: input should be at most 9223372036854775807"),
         (lambda: gd.placed_cells(gd.Domain.cube(), lambda x, *_: x + 1, n=2**62), "cells"),
         (lambda: gd.section_profile(packing, 10**7), "from one to 100000 levels; got 10000000"),
