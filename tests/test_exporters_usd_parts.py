@@ -125,10 +125,14 @@ def test_a_root_that_is_no_identifier_is_refused(fresh, root):
 
 
 @pytest.fixture(scope="module")
-def resting(fresh, newton, tmp_path_factory):
+def settled(fresh):
+    return settle(fresh, friction=0.3, rng=1).packing
+
+
+@pytest.fixture(scope="module")
+def resting(settled, newton, tmp_path_factory):
     """The bed at rest in each size, and what became of it under each of Newton's solvers."""
     folder = tmp_path_factory.mktemp("resting")
-    settled = settle(fresh, friction=0.3, rng=1).packing
     tasks, beds = [], {}
     for name, (diameter, words) in BEDS.items():
         beds[name] = rescale(settled, diameter / units(settled).length)
@@ -162,3 +166,26 @@ def test_a_bed_at_rest_stays_at_rest_in_newton(resting, size, solver):
     # Ten units of time; without a stiffness of their own grains sank by a diameter.
     assert np.mean(found["moved"]) < 0.02 * d
     assert found["lowest"][1] > found["lowest"][0] - 0.01 * d
+
+
+@pytest.mark.slow
+@pytest.mark.programs
+@pytest.mark.client
+@pytest.mark.parametrize(("diameter", "words"), [(1e-3, "grain"), (0.1, "si")])
+def test_physx_opens_the_stage_and_a_bed_at_rest_stays_there(settled, physx, tmp_path, diameter, words):
+    bed = rescale(settled, diameter / units(settled).length)
+    [path] = exporters.write(bed, tmp_path / "bed.usdc", units=words)
+    step = 0.01 * np.sqrt(diameter / 9.81)
+    script = Path(__file__).with_name("physx_client.py")
+    command = [physx, str(script), str(path), repr(step), "200", str(tmp_path / "found.json")]
+    run = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
+    assert (tmp_path / "found.json").is_file(), run.stderr
+    found = json.loads((tmp_path / "found.json").read_text())
+    length = usd.factors(bed, UsdOptions(units=words))["length"]
+    before, after = (np.array(found[key]) * length / diameter for key in ("before", "after"))
+    # Rows are in an order of its own.
+    ours = bed.positions / diameter
+    assert np.abs(before[np.lexsort(before.round(5).T)] - ours[np.lexsort(ours.round(5).T)]).max() < 1e-4
+    moved = np.linalg.norm(after - before, axis=1)
+    assert moved.mean() < 0.01
+    assert after[:, 2].min() > before[:, 2].min() - 0.02

@@ -32,6 +32,9 @@ if TYPE_CHECKING:
 # Thickness of the container's boxes in median diameters: nothing passes a wall in one step.
 _WALL_THICKNESS = 2.0
 
+PHYSX_ITERATIONS = 32
+"""Iterations of PhysX's solver for places: with the one that it takes by default beds sink."""
+
 CLASS = "primvars:grainClass"
 """Name of the primvar that holds the class of a grain, where grains have classes; materials may read it."""
 
@@ -137,6 +140,13 @@ def _scene(bed: Bed) -> Prim:
         attributes |= {
             "newton:timeStepsPerSecond": Attribute("int", rate, is_fixed=True),
             "physxScene:timeStepsPerSecond": Attribute("uint", rate),
+            # Else grains of millimetres are asleep at once, in the air, and friction acts at a distance of many.
+            "physxScene:disableSleeping": Attribute("bool", 1, is_fixed=True),
+            "physxScene:frictionOffsetThreshold": Attribute("float", 0.04 * bed.diameter),
+            "physxScene:frictionCorrelationDistance": Attribute("float", 0.025 * bed.diameter),
+            "physxScene:solverType": Attribute("token", "PGS"),
+            "physxScene:minPositionIterationCount": Attribute("uint", PHYSX_ITERATIONS, is_fixed=True),
+            "physxScene:minVelocityIterationCount": Attribute("uint", 1, is_fixed=True),
             "mjc:option:timestep": Attribute("double", 1 / rate, is_fixed=True),
             "mjc:option:cone": Attribute("token", "elliptic"),
             "mjc:option:impratio": Attribute("double", IMPRATIO, is_fixed=True),
