@@ -23,7 +23,7 @@ from exporters.usd.crate import crate
 from exporters.usd.options import UsdOptions
 from exporters.usd.scene import Bed, metadata, world
 from grainsdem.errors import InputError, WriteError, name_offenders
-from grainsdem.geometry.integrals import volumes
+from grainsdem.geometry.integrals import centroids, face_planes, volumes
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -40,6 +40,10 @@ _log = logging.getLogger(__name__)
 # What PhysX can hold on the GPU in one hull.
 _MOST_VERTICES = 64
 _MOST_FACES = 64
+_MOST_CORNERS = 32
+"""Of a face."""
+_MOST_OBLONG = 100.0
+"""Largest ratio of half the longest side of a hull's box to the least distance of its centre from a face."""
 
 Options = UsdOptions
 
@@ -68,7 +72,7 @@ def files(
     _see_large_hulls(packing, options.hulls)
     colours = colours_of(packing, integrals.volumes, options.colour)
     scales = _scales(packing, integrals.volumes, options.units)
-    layer = crate(world(Bed(packing, integrals, options, colours, scales)), metadata(packing, scales))
+    layer = crate(world(Bed(packing, integrals, options, colours, scales)), metadata(packing, scales, options.root))
     if suffix.lower() == ".usda":
         return {f"{name}{suffix}": _text(layer)}
     return {f"{name}{suffix}": _package(layer, name) if suffix.lower() == ".usdz" else layer}
@@ -81,12 +85,15 @@ def factors(packing: Packing, options: UsdOptions) -> dict[str, float]:
 
 def report(packing: Packing, options: UsdOptions) -> dict[str, Any]:  # noqa: ARG001  (every format's has both)
     """Return which grains PhysX simplifies on the GPU: how many there are, and the first of them."""
-    large = _beyond_physx(packing)
+    large, oblong = _beyond_physx(packing)
     return {
         "most_vertices_of_physx": _MOST_VERTICES,
         "most_faces_of_physx": _MOST_FACES,
+        "most_corners_of_physx": _MOST_CORNERS,
         "n_grains_beyond": len(large),
         "first_grains_beyond": large[:5],
+        "n_grains_oblong": len(oblong),
+        "first_grains_oblong": oblong[:5],
     }
 
 
@@ -95,24 +102,37 @@ def _scales(packing: Packing, grain_volumes: NDArray[np.float64], units: Units) 
     return replace(chosen_units(units, grain_volumes, packing.densities), time=1.0)
 
 
-def _beyond_physx(packing: Packing) -> list[int]:
-    """Return the grains that are larger hulls than PhysX holds on the GPU."""
+def _beyond_physx(packing: Packing) -> tuple[list[int], list[int]]:
+    """Return the grains that are larger hulls than PhysX holds on the GPU, and those that are too oblong for it."""
     grains = packing.grains
     large = (np.diff(grains.vertex_offsets) > _MOST_VERTICES) | (np.diff(grains.face_offsets) > _MOST_FACES)
-    found: list[int] = np.flatnonzero(large).tolist()
-    return found
+    corners = np.maximum.reduceat(np.diff(grains.face_vertex_offsets), grains.face_offsets[:-1])
+    large |= corners > _MOST_CORNERS
+    starts = grains.vertex_offsets[:-1]
+    spans = np.maximum.reduceat(grains.vertices, starts) - np.minimum.reduceat(grains.vertices, starts)
+    planes = face_planes(grains)
+    owner = np.repeat(np.arange(len(grains)), np.diff(grains.face_offsets))
+    depths = planes.heights - np.einsum("ij,ij->i", planes.normals, centroids(grains)[owner])
+    depths = np.minimum.reduceat(depths, grains.face_offsets[:-1])
+    oblong = 0.5 * spans.max(axis=1) > _MOST_OBLONG * depths
+    return np.flatnonzero(large).tolist(), np.flatnonzero(oblong).tolist()
 
 
 def _see_large_hulls(packing: Packing, hulls: Literal["any", "physx"]) -> None:
-    """Log which grains PhysX simplifies on the GPU, or refuse them."""
-    large = _beyond_physx(packing)
-    if not large:
-        return
-    limit = f"PhysX holds at most {_MOST_VERTICES} vertices and {_MOST_FACES} faces a hull on the GPU"
-    beyond = f"{len(large)} of {len(packing)} grains are beyond that: {name_offenders(large)}"
-    if hulls == "physx":
-        raise InputError(f"{limit}; {beyond}; hulls='any' writes them all the same")
-    _log.warning("%s and simplifies what has more; %s", limit, beyond)
+    """Log which grains PhysX simplifies or does not take on the GPU, or refuse them."""
+    large, oblong = _beyond_physx(packing)
+    limits = {
+        f"PhysX holds at most {_MOST_VERTICES} vertices and {_MOST_FACES} faces a hull on the GPU, of at most "
+        f"{_MOST_CORNERS} corners, and simplifies what has more": large,
+        f"PhysX takes no hull on the GPU that is more than {_MOST_OBLONG:g} times as long as thick": oblong,
+    }
+    for limit, beyond in limits.items():
+        if not beyond:
+            continue
+        told = f"{limit}; {len(beyond)} of {len(packing)} grains are beyond that: {name_offenders(beyond)}"
+        if hulls == "physx":
+            raise InputError(f"{told}; hulls='any' writes them all the same")
+        _log.warning("%s", told)
 
 
 def _text(layer: Iterable[bytes]) -> bytes:
