@@ -209,6 +209,7 @@ def pool(folder):
         "gd.load.path": bed,
         "gd.load_moved.path": bed,
         "exporters.read.path": bed,
+        "exporters.opening.name": "yade",
     }
 
 
