@@ -108,8 +108,12 @@ def test_a_gated_function_looks_as_it_is_written():
     assert weigh.__doc__.startswith("Return what is given.")
 
 
-def test_shapes_are_those_of_the_docstring():
-    assert shapes_of(weigh) == {"points": [("n", "3"), ("n", "2")], "weights": [("n",)]}
+def test_shapes_are_those_of_the_docstring(monkeypatch):
+    shapes = {"points": [("n", "3"), ("n", "2")], "weights": [("n",)]}
+    assert shapes_of(weigh) == shapes
+    # Python 3.13 takes the indent away.
+    monkeypatch.setattr(weigh, "__doc__", inspect.cleandoc(weigh.__doc__))
+    assert shapes_of(weigh) == shapes
     assert shapes_of(gd.carve) == {"density": [(), ("n_cells",)], "classes": [("n_cells",)]}
     assert shapes_of(gd.fit_sieves) == {"bounds": [("k + 1",)], "counts": [("k",)]}
     assert shapes_of(gd.points.noise_field) == {}  # a length for each axis: only the function can count them
