@@ -13,7 +13,7 @@ from exporters import usd
 from exporters.units import units
 from exporters.usd import UsdOptions
 from grainsdem.dynamics import settle
-from grainsdem.errors import InputError
+from grainsdem.errors import FileFormatError, InputError
 from grainsdem.geometry.integrals import volumes
 from grainsdem.geometry.rotations import random_quaternions, world_vertices
 from grainsdem.packing import rescale
@@ -224,3 +224,19 @@ def test_assets_of_one_body_each_are_put_together_to_the_same_bed(fresh, tmp_pat
 def test_assets_do_not_go_into_a_package(fresh, tmp_path):
     with pytest.raises(InputError, match=r"per_grain writes files beside the stage, which a .usdz cannot have: take"):
         exporters.write(fresh, tmp_path / "bed.usdz", per_grain=True)
+
+
+@pytest.mark.unit
+@pytest.mark.parametrize(("length", "what"), [(1e14, "moments of inertia"), (1e-28, "moments of inertia")])
+def test_units_in_which_single_precision_holds_no_inertia_are_refused(fresh, length, what):
+    words = rf"{what} must be 1.2e-38 to 3.4e\+38 in units of {length}, since USD has them in single precision"
+    with pytest.raises(InputError, match=words):
+        exporters.files(fresh, ".usdc", units=length)
+
+
+@pytest.mark.client
+def test_a_stage_that_says_no_length_is_not_guessed_at(fresh, tmp_path):
+    [path] = exporters.write(fresh, tmp_path / "bed.usda")
+    path.write_text(path.read_text().replace("    metersPerUnit = 1\n", ""))
+    with pytest.raises(FileFormatError, match="says no metersPerUnit, which USD would take for centimetres: author it"):
+        exporters.read(path)

@@ -14,7 +14,7 @@ from zipfile import ZipFile, ZipInfo
 
 import numpy as np
 
-from exporters.check import check_name, measured
+from exporters.check import check_name, measured, refuse
 from exporters.container import colours_of
 from exporters.units import chosen_units, factors_of
 from exporters.usd.assets import assembled
@@ -75,6 +75,7 @@ def files(
     colours = colours_of(packing, integrals.volumes, options.colour)
     scales = _scales(packing, integrals.volumes, options.units)
     bed = Bed(packing, integrals, options, colours, scales)
+    _refuse_beyond_single(bed)
     if options.per_grain:
         if suffix.lower() == ".usdz":
             raise InputError("per_grain writes files beside the stage, which a .usdz cannot have: take .usdc or .usda")
@@ -107,6 +108,21 @@ def report(packing: Packing, options: UsdOptions) -> dict[str, Any]:  # noqa: AR
 def _scales(packing: Packing, grain_volumes: NDArray[np.float64], units: Units) -> GrainUnits:
     """Return the factors to SI; a stage counts time in seconds whatever its other units are."""
     return replace(chosen_units(units, grain_volumes, packing.densities), time=1.0)
+
+
+def _refuse_beyond_single(bed: Bed) -> None:
+    """Raise `InputError` where a mass or a moment of inertia leaves what single precision holds: USD has no other."""
+    packing, scales = bed.packing, bed.scales
+    least, most = (float(limit) for limit in (np.finfo(np.float32).tiny, np.finfo(np.float32).max))
+    masses = packing.densities * bed.integrals.volumes / scales.mass
+    moments = np.einsum("nii->ni", bed.integrals.inertias * (packing.densities / scales.inertia)[:, None, None])
+    for what, values in {"masses": masses[:, None], "moments of inertia": moments}.items():
+        beyond = ((values < least) | (values > most)).any(axis=1)
+        refuse(
+            f"{what} must be {least:.2g} to {most:.2g} in units of {bed.options.units}, since USD has them in single "
+            "precision, as they are with units='grain'",
+            beyond,
+        )
 
 
 def _beyond_physx(packing: Packing) -> tuple[list[int], list[int]]:
