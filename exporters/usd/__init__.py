@@ -7,22 +7,22 @@ from __future__ import annotations
 
 import logging
 import struct
-import tempfile
 from dataclasses import replace
 from io import BytesIO
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 from zipfile import ZipFile, ZipInfo
 
 import numpy as np
 
-from exporters.check import check_name, measured
+from exporters.check import check_name, measured, refuse
 from exporters.container import colours_of
 from exporters.units import chosen_units, factors_of
+from exporters.usd.assets import assembled
 from exporters.usd.crate import crate
 from exporters.usd.options import UsdOptions
 from exporters.usd.scene import Bed, metadata, world
-from grainsdem.errors import InputError, WriteError, name_offenders
+from exporters.usd.text import text_of
+from grainsdem.errors import InputError, name_offenders
 from grainsdem.geometry.integrals import centroids, face_planes, volumes
 
 if TYPE_CHECKING:
@@ -58,7 +58,9 @@ LOSES = (
 def files(
     packing: Packing, *, name: str = "bed", suffix: str = ".usdc", options: UsdOptions | None = None
 ) -> dict[str, bytes | Iterable[bytes]]:
-    """Return the one file: the binary crate for ``.usdc``, text for ``.usda``, a package of the crate for ``.usdz``.
+    """Return the file: the binary crate for ``.usdc``, text for ``.usda``, a package of the crate for ``.usdz``.
+
+    With ``per_grain`` the assets come after the stage that refers to them.
 
     Raises
     ------
@@ -72,9 +74,15 @@ def files(
     _see_large_hulls(packing, options.hulls)
     colours = colours_of(packing, integrals.volumes, options.colour)
     scales = _scales(packing, integrals.volumes, options.units)
-    layer = crate(world(Bed(packing, integrals, options, colours, scales)), metadata(packing, scales, options.root))
+    bed = Bed(packing, integrals, options, colours, scales)
+    _refuse_beyond_single(bed)
+    if options.per_grain:
+        if suffix.lower() == ".usdz":
+            raise InputError("per_grain writes files beside the stage, which a .usdz cannot have: take .usdc or .usda")
+        return assembled(bed, name, suffix)
+    layer = crate(world(bed), metadata(packing, scales, options.root))
     if suffix.lower() == ".usda":
-        return {f"{name}{suffix}": _text(layer)}
+        return {f"{name}{suffix}": text_of(layer)}
     return {f"{name}{suffix}": _package(layer, name) if suffix.lower() == ".usdz" else layer}
 
 
@@ -100,6 +108,21 @@ def report(packing: Packing, options: UsdOptions) -> dict[str, Any]:  # noqa: AR
 def _scales(packing: Packing, grain_volumes: NDArray[np.float64], units: Units) -> GrainUnits:
     """Return the factors to SI; a stage counts time in seconds whatever its other units are."""
     return replace(chosen_units(units, grain_volumes, packing.densities), time=1.0)
+
+
+def _refuse_beyond_single(bed: Bed) -> None:
+    """Raise `InputError` where a mass or a moment of inertia leaves what single precision holds: USD has no other."""
+    packing, scales = bed.packing, bed.scales
+    least, most = (float(limit) for limit in (np.finfo(np.float32).tiny, np.finfo(np.float32).max))
+    masses = packing.densities * bed.integrals.volumes / scales.mass
+    moments = np.einsum("nii->ni", bed.integrals.inertias * (packing.densities / scales.inertia)[:, None, None])
+    for what, values in {"masses": masses[:, None], "moments of inertia": moments}.items():
+        beyond = ((values < least) | (values > most)).any(axis=1)
+        refuse(
+            f"{what} must be {least:.2g} to {most:.2g} in units of {bed.options.units}, since USD has them in single "
+            "precision, as they are with units='grain'",
+            beyond,
+        )
 
 
 def _beyond_physx(packing: Packing) -> tuple[list[int], list[int]]:
@@ -133,21 +156,6 @@ def _see_large_hulls(packing: Packing, hulls: Literal["any", "physx"]) -> None:
         if hulls == "physx":
             raise InputError(f"{told}; hulls='any' writes them all the same")
         _log.warning("%s", told)
-
-
-def _text(layer: Iterable[bytes]) -> bytes:
-    """Return the text that OpenUSD makes of a crate."""
-    from pxr import Sdf
-
-    with tempfile.TemporaryDirectory() as folder:
-        source = Path(folder) / "layer.usdc"
-        try:
-            with source.open("wb") as file:
-                file.writelines(layer)
-        except OSError as error:
-            raise WriteError(f"{source}: cannot be written: {error.strerror or error}") from error
-        text: str = Sdf.Layer.FindOrOpen(str(source)).ExportToString()
-        return text.encode()
 
 
 def _package(layer: Iterable[bytes], name: str) -> bytes:
