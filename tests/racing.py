@@ -59,10 +59,10 @@ def places():
 
 
 @contextmanager
-def shared_by(share):
-    """Have every module share its blocks out by another function, and give that small items."""
+def shared_by(share, *, small=True):
+    """Have every module share its blocks out by another function, and give that small items unless told otherwise."""
     modules = [importlib.import_module(name) for name in sorted({module for module, _ in places()})]
-    chunked = [module for module in modules if hasattr(module, "CHUNK")]
+    chunked = [module for module in modules if small and hasattr(module, "CHUNK")]
     kept = [module.CHUNK for module in chunked]
     try:
         for module in modules:
@@ -84,17 +84,18 @@ def name_of(kernel):
 
 
 @contextmanager
-def split(count, seen):
-    """Share all work out among ``count`` threads, however little it is; what was really parted goes into ``seen``."""
+def split(count, seen, *, small=True):
+    """Share work out among so many threads, with ``small`` however little it is; ``seen`` gets what was parted."""
 
-    def share(kernel, n, *arguments, least=0):
-        if n > 1:
+    def share(kernel, n, *arguments, least=threads.LEAST):
+        least = 1 if small else least
+        if n >= 2 * least:
             seen.add(name_of(kernel))
-        threads.in_blocks(kernel, n, *arguments, least=1)
+        threads.in_blocks(kernel, n, *arguments, least=least)
 
     kept, numba.get_num_threads = numba.get_num_threads, lambda: count
     try:
-        with shared_by(share):
+        with shared_by(share, small=small):
             yield
     finally:
         numba.get_num_threads = kept
@@ -220,8 +221,10 @@ def measured(n):
     forms = np.diag([1.2, 1.0, 0.9])[None]
     standing = facets(bed.grains, best_apexes(bed.grains))
     found = {
-        "strauss": points.strauss(DOMAIN, n, distance=0.003, inhibition=0.1, rng=1),
-        "strauss_process": points.strauss_process(DOMAIN, n, distance=0.003, inhibition=0.1, sweeps=5, rng=1),
+        "strauss": points.strauss(DOMAIN, n, distance=0.007 * n ** (-1 / 3), inhibition=0.1, rng=1),
+        "strauss_process": points.strauss_process(
+            DOMAIN, n, distance=0.007 * n ** (-1 / 3), inhibition=0.1, sweeps=5, rng=1
+        ),
         "between": ellipsoids.grown(DOMAIN, drawn, np.zeros(n), np.repeat(forms, n, axis=0), np.full((n, 3), 2e-3)),
         "graph": graph,
         "loose": loose,

@@ -7,7 +7,7 @@ import pytest
 from numba import njit
 from racing import RaceError, alone, everything, interpreted, isolated, measured, places, split, told
 
-SMALL, GROWN = 12, 60
+SMALL, GROWN, LARGE = 12, 60, 2200
 
 
 @njit(nogil=True)
@@ -93,6 +93,19 @@ def test_what_is_grown_by_every_process_has_the_same_bytes_on_any_number_of_thre
         with split(threads, seen):
             assert everything(GROWN) == grown, threads
         assert seen == places()
+
+
+@pytest.mark.slow
+@pytest.mark.unit
+def test_what_is_measured_of_a_bed_that_threads_do_share_has_the_same_bytes_on_one_two_and_three():
+    found = []
+    for threads in (1, 2, 3):
+        seen = set()
+        with split(threads, seen, small=False):
+            found.append(measured(LARGE))
+        # Few lattices leave a face that is seen from one side only, and those of this one are small.
+        assert places() - seen <= {("grainsdem.tessellation.engine.full", "_one_sided")}
+    assert found[0] == found[1] == found[2]
 
 
 @pytest.mark.slow
