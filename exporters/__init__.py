@@ -27,8 +27,9 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from exporters import manifest
+from exporters import manifest, programs
 from exporters.formats import FORMATS, Format, find, find_for, known
+from exporters.programs import PROGRAMS, opening
 from exporters.reading import READERS, read, rounding
 from exporters.replays import replay
 from grainsdem.atomic import write_all
@@ -44,8 +45,8 @@ if TYPE_CHECKING:
     from grainsdem.model import Packing
 
 __all__ = [
-    "FORMATS", "READERS", "Format", "files", "find", "known", "module_for", "options_for", "read", "replay", "rounding",
-    "write",
+    "FORMATS", "PROGRAMS", "READERS", "Format", "files", "find", "known", "module_for", "opening", "options_for",
+    "read", "replay", "rounding", "write",
 ]  # fmt: skip
 
 
@@ -56,6 +57,7 @@ def write(
     *,
     format: str | None = None,  # noqa: A002  (the field's word for it)
     formats: str | Sequence[str] | None = None,
+    program: str | None = None,
     name: str = "bed",
     overwrite: bool = True,
     **options: Any,
@@ -73,6 +75,9 @@ def write(
     formats : str or sequence of str, optional
         Names or suffixes of formats, `known` lists them. Beside their files stands ``manifest.json``: see
         `exporters.manifest`.
+    program : str, optional
+        Program that the one file is for, one of `PROGRAMS`: it picks format, suffix and options. Those that are given
+        besides go before them; `opening` gives the lines that open the file there.
     name : str
         Name of the files in a folder, without suffix.
     overwrite : bool
@@ -98,6 +103,12 @@ def write(
         If a file exists and ``overwrite`` is false, or cannot be written.
     """
     path = Path(path)
+    if program is not None:
+        if format is not None or formats is not None:
+            raise InputError(f"a program picks the format; got the program {program} and another format besides")
+        wanted = programs.program(program)
+        path, format = programs.path_for(path, wanted, program), wanted.format  # noqa: A001
+        options = {**wanted.options, **options}
     if formats is None:
         found = find_for(path, format)
         return write_all(path.parent, _content(packing, found, path.stem, options), overwrite=overwrite)

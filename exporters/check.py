@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from grainsdem.errors import InputError, name_offenders
+from grainsdem.errors import InputError, name_offenders, shown
 from grainsdem.geometry.integrals import Integrals, integrate
 from grainsdem.model import Packing, Polyhedra
-from grainsdem.options import coefficients
 from grainsdem.ragged import owners
+from grainsdem.values import coefficients
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
     from numpy.typing import NDArray
+
+_PREFIX = re.compile(r"[A-Za-z_][A-Za-z0-9_./-]*")
 
 STRETCH = 4096
 """Grains that are written at once: a few megabytes."""
@@ -103,6 +106,15 @@ def checked_coefficients(name: str, given: float | Mapping[str, float] | str | N
     except ValueError as error:
         shown = "" if isinstance(given, Mapping) else f"; got {given!r}"
         raise InputError(f"{name} {error}{shown}") from None
+
+
+def check_prefix(prefix: str) -> None:
+    """Raise `InputError` unless names of any program may begin with a prefix; an empty one does no harm."""
+    if prefix and not _PREFIX.fullmatch(prefix):
+        raise InputError(
+            "prefix must begin with a letter or _ and hold letters, digits and _ - . / only, so that it can stand in "
+            f"names; got {shown(prefix)}"
+        )
 
 
 def check_name(name: str) -> None:

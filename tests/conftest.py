@@ -153,6 +153,12 @@ def newton(environment):
 
 
 @pytest.fixture(scope="session")
+def physx(environment):
+    """The Python of an environment with PhysX, as Omniverse ships it, for the processor."""
+    return environment("physx", "ovphysx>=0.7", "physx-usd-schemas", "newton-usd-schemas>=0.6")
+
+
+@pytest.fixture(scope="session")
 def cells():
     """A relaxed Poisson-Voronoi tessellation of 250 cells in a box of millimetres."""
     domain = Domain.box((6e-3, 6e-3, 7e-3))

@@ -145,14 +145,14 @@ def test_grains_in_a_file_of_their_own_and_compiled_are_the_same_model(heap, tmp
     import mujoco
 
     paths = exporters.write(heap, tmp_path / "bed.xml", split=True, compiled=True)
-    assert [path.name for path in paths] == ["bed.xml", "bed.grains.xml", "bed.mjb"]
+    assert [path.name for path in paths] == ["bed.xml", "bed.grains.xml", "bed.walls.xml", "bed.mjb"]
     assert 'mesh="g000003"' not in paths[0].read_text()
     whole = stepped(mujoco_python, exporters.write(heap, tmp_path / "whole.xml")[0], 200)
     assert stepped(mujoco_python, paths[0], 200) == whole
     if mujoco_python == sys.executable:
-        assert stepped(mujoco_python, paths[2], 200) == whole
+        assert stepped(mujoco_python, paths[3], 200) == whole
         assert whole["version"] == mujoco.__version__
-    assert exporters.files(heap, ".xml", split=True, compiled=True)["bed.mjb"] == paths[2].read_bytes()
+    assert exporters.files(heap, ".xml", split=True, compiled=True)["bed.mjb"] == paths[3].read_bytes()
 
 
 @pytest.mark.client

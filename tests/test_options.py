@@ -10,20 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grainsdem.errors import InputError
-from grainsdem.options import (
-    SMALLEST,
-    ByName,
-    Note,
-    Stored,
-    checked,
-    kind_of,
-    model_of,
-    notes_of,
-    option,
-    paths_of,
-    shares,
-    told_of,
-)
+from grainsdem.options import Note, Stored, checked, kind_of, model_of, notes_of, option, paths_of, told_of
+from grainsdem.values import SMALLEST, ByName, shares
 
 Share = Annotated[float, option("A share.", gt=0, le=1)]
 

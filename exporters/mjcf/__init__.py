@@ -7,25 +7,25 @@ back to SI stand in the file's ``<custom>`` element and in a comment.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from exporters.check import check_name
-from exporters.mjcf.document import around
-from exporters.mjcf.grains import bodies, measure, shapes
+from exporters.mjcf.document import grains_alone, including, walls_alone, whole
+from exporters.mjcf.grains import measure
 from exporters.mjcf.log import quiet
 from exporters.mjcf.options import MjcfOptions
+from exporters.mjcf.settings import fields_of, settings
 from exporters.units import GrainUnits, chosen_units, factors_of, units
 from grainsdem.geometry.integrals import volumes
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable
 
-    from exporters.mjcf.grains import Bed
     from grainsdem.model import Packing
 
-__all__ = ["GrainUnits", "MjcfOptions", "files", "text", "units"]
+__all__ = ["GrainUnits", "MjcfOptions", "files", "options_for", "text", "units"]
 
 Options = MjcfOptions
 
@@ -50,16 +50,19 @@ def files(
     check_name(name)
     options = options or MjcfOptions()
     bed = measure(packing, options)
-    main, grains = f"{name}{suffix}", f"{name}.grains{suffix}"
     content: dict[str, bytes | Iterable[bytes]] = {}
     if options.split:
-        before, between, after = around(bed, options, name, include=grains)
-        content[main] = (before + between + after).encode()
-        content[grains] = (part.encode() for part in _grains_alone(bed))
+        walls, grains = f"{name}.walls{suffix}", f"{name}.grains{suffix}"
+        container = walls_alone(bed, options)
+        parts = [walls, grains] if container else [grains]
+        content[f"{name}{suffix}"] = including(bed, options, name, parts).encode()
+        content[grains] = (part.encode() for part in grains_alone(bed, options))
+        if container:
+            content[walls] = container.encode()
     else:
-        content[main] = (part.encode() for part in _whole(bed, options, name))
+        content[f"{name}{suffix}"] = (part.encode() for part in whole(bed, options, name))
     if options.compiled:
-        content[f"{name}.mjb"] = _compiled("".join(_whole(bed, options, name)))
+        content[f"{name}.mjb"] = _compiled("".join(whole(bed, options, name)))
     return content
 
 
@@ -93,26 +96,39 @@ def text(packing: Packing, options: MjcfOptions | None = None, *, name: str = "b
         were asked for.
     """
     options = options or MjcfOptions()
-    return "".join(_whole(measure(packing, options), options, name))
+    return "".join(whole(measure(packing, options), options, name))
 
 
-def _whole(bed: Bed, options: MjcfOptions, name: str) -> Iterator[str]:
-    """Yield the file as one, a stretch of grains at a time."""
-    before, between, after = around(bed, options, name)
-    yield before
-    yield from shapes(bed)
-    yield between
-    yield from bodies(bed)
-    yield after
+def options_for(packing: Packing, options: MjcfOptions | None = None) -> dict[str, Any]:
+    """Return the settings that a model needs which the packing becomes a part of: those that its own file has.
 
+    An include of grains, or ``MjSpec.attach``, brings no ``option`` with it, and contacts are as stiff as their time
+    step.
 
-def _grains_alone(bed: Bed) -> Iterator[str]:
-    """Yield the file that another one includes."""
-    yield "<mujoco>\n  <asset>\n"
-    yield from shapes(bed)
-    yield "  </asset>\n  <worldbody>\n"
-    yield from bodies(bed)
-    yield "  </worldbody>\n</mujoco>\n"
+    Parameters
+    ----------
+    packing : Packing
+        Grains to write.
+    options : MjcfOptions, optional
+        With which they are written; the units are theirs, too.
+
+    Returns
+    -------
+    dict of str to any
+        Fields of ``MjSpec.option`` and ``MjModel.opt`` of the installed MuJoCo, and their values.
+
+    Raises
+    ------
+    InputError
+        As `text`.
+
+    Examples
+    --------
+    >>> for name, value in options_for(packing).items():  # doctest: +SKIP
+    ...     setattr(spec.option, name, value)
+    """
+    options = options or MjcfOptions()
+    return fields_of(settings(measure(packing, options), options).option)
 
 
 def _compiled(text: str) -> bytes:

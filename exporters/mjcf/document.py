@@ -1,4 +1,4 @@
-"""What stands around the grains in a file for MuJoCo: settings, units, light and camera, and the container."""
+"""A file for MuJoCo as a whole: what stands around the grains, or the two files of grains and of walls apart."""
 
 from __future__ import annotations
 
@@ -9,34 +9,32 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from exporters.container import GRAIN_COLOURS, container_box, plane_frames, wall_names, world_bounds
-from exporters.mjcf.bouncing import BOUNCING_START, BOUNCING_STEPS, DAMPED_START, DAMPED_STEPS, damping_of
-from exporters.mjcf.grains import PLAIN
-from exporters.mjcf.options import ITERATIONS, NOSLIP_AT_REST
-from exporters.rest import down, rest_of, restitution, time_step
+from exporters.container import container_box, world_bounds
+from exporters.mjcf.grains import bodies, grain_class, grain_materials, shapes
+from exporters.mjcf.settings import settings
+from exporters.mjcf.walls import container, rounded, wall_class, wall_materials
 from exporters.text import rows_of_text
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
     from numpy.typing import NDArray
 
     from exporters.mjcf.grains import Bed
     from exporters.mjcf.options import MjcfOptions
-    from exporters.mjcf.surfaces import Surfaces
-    from grainsdem.model import Domain
 
     Floats = NDArray[np.float64]
 
 _DOCUMENT = Template("""\
 <mujoco model=$name>
   <!-- $n_grains grains$in_units: length 1 = $length m$is_diameter,
-       mass 1 = $mass kg, time 1 = $time s, so density 1 = $density kg/m3 and acceleration 1 = $acceleration m/s2. -->
+       mass 1 = $mass kg, time 1 = $time s, so density 1 = $density kg/m3 and acceleration 1 = $acceleration m/s2.
+       Part of another model: attach this one with a prefix (MjSpec), or include the files of grains and of walls that
+       split=true writes. The <option> below does not go along: its step, cone and impratio are what the stiffness of
+       contacts is meant for, and the other model needs them. -->
   <compiler angle="radian" autolimits="true" inertiafromgeom="auto"/>
   <size memory="$memory"/>
-  <option timestep="$time_step" gravity="$down" integrator="implicitfast" cone="elliptic" impratio="$impratio"
-          solver="$solver" iterations="$iterations" tolerance="$tolerance" noslip_iterations="$noslip"
-          jacobian="sparse">
-    <flag multiccd="enable" autoreset="disable"/>
-  </option>
+$option
   <custom>
     <numeric name="grain_unit_length" data="$length"/>
     <numeric name="grain_unit_mass" data="$mass"/>
@@ -48,121 +46,126 @@ _DOCUMENT = Template("""\
     <global azimuth="125" elevation="-22" fovy="38" offwidth="1920" offheight="1440"/>
     <headlight ambient="0.40 0.40 0.40" diffuse="0.34 0.34 0.34" specular="0 0 0"/>
     <quality shadowsize="8192" offsamples="8"/>
-    <map znear="0.01" zfar="60" shadowclip="1.2"/>
+    <map znear="0.01" shadowclip="1.2"/>
     <rgba haze="0.93 0.94 0.95 1"/>
   </visual>
   <statistic center="$centre" extent="$extent" meansize="$meansize"/>
-  <default>
-    <geom solref="$solref $damping" solimp="$start 0.95 $width"/>
-    <default class="grain">
-      <geom type="$shape" condim="$condim" friction="$friction"/>
-    </default>
-    <default class="wall">
-      <geom type="plane" condim="$wall_condim" friction="$wall_friction" priority="$priority"/>
-    </default>
-  </default>
-  <asset>
-    <texture name="sky" type="skybox" builtin="gradient" rgb1="0.96 0.97 0.98" rgb2="0.72 0.78 0.84"
+$classes  <asset>
+    <texture name="${prefix}sky" type="skybox" builtin="gradient" rgb1="0.96 0.97 0.98" rgb2="0.72 0.78 0.84"
              width="256" height="1536"/>
-    <material name="floor" rgba="0.78 0.78 0.76 1" specular="0.1" shininess="0.1"/>
-    <material name="wall" rgba="0.55 0.65 0.72 0.16" specular="0.2" shininess="0.4"/>
-$materials
-$meshes
-  </asset>
+$materials$mark  </asset>
   <worldbody>
-    <light name="sun" pos="$sun" dir="$sunlight" directional="true" diffuse="0.72 0.70 0.66"
+    <light name="${prefix}sun" pos="$sun" dir="$sunlight" directional="true" diffuse="0.72 0.70 0.66"
            specular="0.12 0.12 0.12"/>
-    <camera name="view" pos="$eye" xyaxes="$eye_axes" fovy="38"/>
-$container
-$bodies
-  </worldbody>
-$include$keyframe</mujoco>
+    <camera name="${prefix}view" pos="$eye" xyaxes="$eye_axes" fovy="38"/>
+$container$mark  </worldbody>
+$includes$keyframe</mujoco>
 """)
 
-_MATERIAL = '    <material name="%s" rgba="%g %g %g 1" specular="0.18" shininess="0.25"/>'
+_PART = Template("""\
+<mujoco>
+  <!-- To be included in a model of its own units and options: $in_units.
+       What the contacts are meant for:
+$option -->
+$classes  <asset>
+$materials$mark  </asset>
+  <worldbody>
+$mark  </worldbody>
+</mujoco>
+""")
+
+_CLASSES = "  <default>\n%s  </default>\n"
+_INCLUDE = "  <include file=%s/>\n"
 _KEYFRAME = "  <keyframe>\n    <key name=%s/>\n  </keyframe>\n"
 _MARK = "\0"  # where the grains go: they are written a stretch at a time
-_WALL = '      <geom name="%s" class="wall" pos="%s" quat="%s" size="%s" material="%s"%s/>'
 
 
-def around(bed: Bed, options: MjcfOptions, name: str, include: str = "") -> tuple[str, str, str]:
-    """Return what comes before the shapes of the grains, between these and their bodies, and after both.
+def whole(bed: Bed, options: MjcfOptions, name: str) -> Iterator[str]:
+    """Yield the file as one, a stretch of grains at a time."""
+    contact = settings(bed, options).contact
+    bounds = world_bounds(bed.packing)
+    before, between, after = _document(
+        bed,
+        options,
+        name,
+        classes=_CLASSES % (grain_class(bed, contact) + wall_class(bed, contact)),
+        materials=wall_materials(bed) + grain_materials(bed),
+        container=container(bed, options, bounds),
+        mark=_MARK,
+    ).split(_MARK)
+    yield before
+    yield from shapes(bed)
+    yield between
+    yield from bodies(bed)
+    yield after
 
-    Parameters
-    ----------
-    bed : Bed
-        The grains.
-    options : MjcfOptions
-        Settings and container.
-    name : str
-        Name of the model.
-    include : str
-        File that holds the grains, if another does.
-    """
-    packing, length = bed.packing, bed.scales.length
+
+def including(bed: Bed, options: MjcfOptions, name: str, parts: Iterable[str]) -> str:
+    """Return the file that holds all but grains and walls, and includes the files that do."""
+    files = "".join(_INCLUDE % quoteattr(part) for part in parts)
+    return _document(bed, options, name, classes="", materials="", container="", mark="", includes=files)
+
+
+def grains_alone(bed: Bed, options: MjcfOptions) -> Iterator[str]:
+    """Yield the file of the grains, which stands alone: classes, materials, meshes and bodies."""
+    told = settings(bed, options)
+    before, between, after = _part(
+        bed, told.option, classes=_CLASSES % grain_class(bed, told.contact), materials=grain_materials(bed)
+    ).split(_MARK)
+    yield before
+    yield from shapes(bed)
+    yield between
+    yield from bodies(bed)
+    yield after
+
+
+def walls_alone(bed: Bed, options: MjcfOptions) -> str:
+    """Return the file of the container, which stands alone; nothing where there are no walls."""
+    told = settings(bed, options)
+    walls = container(bed, options, world_bounds(bed.packing))
+    if not walls:
+        return ""
+    before, between, after = _part(
+        bed, told.option, classes=_CLASSES % wall_class(bed, told.contact), materials=wall_materials(bed)
+    ).split(_MARK)
+    return f"{before}{between}{walls}{after}"
+
+
+def _part(bed: Bed, option: str, **filled: str) -> str:
+    """Return a file to be included, with marks where shapes and bodies go."""
+    told = f"length 1 = {bed.scales.length!r} m, mass 1 = {bed.scales.mass!r} kg, time 1 = {bed.scales.time!r} s"
+    return _PART.substitute(filled, in_units=told, option=option, mark=_MARK)
+
+
+def _document(bed: Bed, options: MjcfOptions, name: str, **filled: str) -> str:
+    """Return a model with what is filled in."""
+    packing, scales = bed.packing, bed.scales
     bounds = world_bounds(packing)
-    lower, upper = (corner / length for corner in container_box(packing, bounds))
-    bounds /= length
-    # Planes have no end for contacts; walls are drawn as high as the grains, that they neither hide nor shade them.
-    drawn = upper if packing.domain.is_planar else np.append(upper[:2], min(upper[2], bounds[1, 2]))
-    materials = GRAIN_COLOURS if bed.colours is None else {PLAIN: (0.9, 0.9, 0.9)}
-    text = _DOCUMENT.substitute(
-        _settings(bed, options),
-        **_picture(bounds[0], bounds[1], lower, bed.diameter),
-        name=quoteattr(name),
-        materials="\n".join([_MATERIAL % (name, *rgb) for name, rgb in materials.items()]),
-        container=_container(lower, drawn, options, packing.domain.scaled(1 / length), bed),
-        include=f"  <include file={quoteattr(include)}/>\n" if include else "",
-        # Without numbers it is the state that the bodies are written in.
-        keyframe=_KEYFRAME % quoteattr(options.keyframe) if options.keyframe else "",
-        meshes=_MARK,
-        bodies=_MARK,
-    )
-    before, between, after = text.split(f"{_MARK}\n")
-    return before, between, after
-
-
-def _settings(bed: Bed, options: MjcfOptions) -> dict[str, object]:
-    """Return what the options and the units fill in."""
-    packing, scales, n = bed.packing, bed.scales, len(bed.packing)
-    is_grain = options.units == "grain"
-    gravity = options.gravity / scales.acceleration
-    step = time_step(packing, options.time_step) * (1.0 if is_grain else np.sqrt(bed.diameter / gravity))
+    floor = container_box(packing, bounds)[0] / scales.length
     box = np.stack([packing.domain.lower, packing.domain.upper]) / scales.length
-    bounce = restitution(packing, options.restitution)
-    if bounce is None:
-        contact_steps, damping, start = DAMPED_STEPS, 1.0, DAMPED_START
-    else:
-        contact_steps, damping, start = BOUNCING_STEPS, damping_of(bounce), BOUNCING_START
-    noslip = options.noslip_iterations
-    if noslip is None:
-        noslip = NOSLIP_AT_REST if rest_of(packing) is not None and options.solver == "PGS" else 0
-    return {
-        "n_grains": n,
-        "in_units": " in grain units" if is_grain else "",
-        "is_diameter": " (median diameter of the spheres of equal volume)" if is_grain else "",
-        "length": repr(scales.length),
-        "mass": repr(scales.mass),
-        "time": repr(scales.time),
-        **dict(zip(("domain_lower", "domain_upper"), rows_of_text(box.ravel(), [3, 3], digits=12), strict=True)),
-        "density": f"{scales.density:.9g}",
-        "acceleration": f"{scales.acceleration:.9g}",
-        "meansize": f"{bed.diameter:.9g}",
-        "shape": "mesh" if bed.radii is None else "sphere",
-        "memory": options.memory or _memory(n),
-        "time_step": f"{step:.9g}",
-        "down": rows_of_text(gravity * down(packing), [3])[0],
-        "impratio": f"{options.impratio:.9g}",
-        "solver": options.solver,
-        "iterations": options.iterations or ITERATIONS[options.solver],
-        "tolerance": f"{options.tolerance:.9g}",
-        "noslip": noslip,
-        "solref": f"{contact_steps * step / damping:.9g}",
-        "damping": f"{damping:.9g}",
-        "start": f"{start:g}",
-        "width": f"{options.contact_width * bed.diameter:.9g}",
-        **bed.surfaces.defaults(),
-    }
+    corners = rows_of_text(box.ravel(), [3, 3], digits=12)
+    is_grain = options.units == "grain"
+    return _DOCUMENT.substitute(
+        {"includes": "", **filled},
+        **_picture(bounds[0] / scales.length, bounds[1] / scales.length, floor, bed.diameter),
+        name=quoteattr(name),
+        n_grains=len(packing),
+        in_units=" in grain units" if is_grain else "",
+        is_diameter=" (median diameter of the spheres of equal volume)" if is_grain else "",
+        length=repr(scales.length),
+        mass=repr(scales.mass),
+        time=repr(scales.time),
+        domain_lower=corners[0],
+        domain_upper=corners[1],
+        density=f"{scales.density:.9g}",
+        acceleration=f"{scales.acceleration:.9g}",
+        meansize=f"{bed.diameter:.9g}",
+        memory=options.memory or _memory(len(packing)),
+        option=settings(bed, options).option,
+        prefix=bed.prefix,
+        # Without numbers it is the state that the bodies are written in.
+        keyframe=_KEYFRAME % quoteattr(bed.prefix + options.keyframe) if options.keyframe else "",
+    )
 
 
 def _memory(n_grains: int) -> int:
@@ -188,53 +191,7 @@ def _picture(lower: Floats, upper: Floats, floor: Floats, diameter: float) -> di
     rows = [centre, eye, np.append(right, np.cross(back, right)), sun, centre - sun]
     keys = ["centre", "eye", "eye_axes", "sun", "sunlight"]
     rows = [
-        row.round(6) if key == "eye_axes" else _rounded(row, 1e3 * diameter)
-        for key, row in zip(keys, rows, strict=True)
+        row.round(6) if key == "eye_axes" else rounded(row, 1e3 * diameter) for key, row in zip(keys, rows, strict=True)
     ]
     texts = rows_of_text(np.concatenate(rows), [row.size for row in rows])
     return {**dict(zip(keys, texts, strict=True)), "extent": f"{extent:.9g}"}
-
-
-def _container(lower: Floats, upper: Floats, options: MjcfOptions, domain: Domain, bed: Bed) -> str:
-    """Return the static body of the floor and the walls; planes have no thickness that a grain could pass."""
-    centre, half = (lower + upper) / 2, (upper - lower) / 2
-    # Quaternions that turn a plane's z axis inward, with its x axis along the second size.
-    s = float(np.sqrt(0.5))
-    sides = {
-        "floor": (2, 0, (1.0, 0.0, 0.0, 0.0), (0, 1)),
-        "wall_x0": (0, 0, (s, 0.0, s, 0.0), (2, 1)),
-        "wall_x1": (0, 1, (s, 0.0, -s, 0.0), (2, 1)),
-        "wall_y0": (1, 0, (s, -s, 0.0, 0.0), (0, 2)),
-        "wall_y1": (1, 1, (s, s, 0.0, 0.0), (0, 2)),
-    }
-    planes = {f"wall_p{k}": frame for k, frame in enumerate(zip(*plane_frames(domain), strict=True))}
-    found: dict[str, Floats] = {}
-    for name in wall_names(domain, options.walls):
-        if name in planes:
-            point, rotation = planes[name]
-            # Drawn a quarter of the box wide: contacts see planes without end.
-            numbers = [*_rounded(point, bed.diameter), *rotation, half.max() / 4, half[2], bed.diameter]
-        else:
-            axis, side, quaternion, (a, b) = sides[name]
-            place = centre.copy()
-            place[axis] = (lower, upper)[side][axis]
-            numbers = [*_rounded(place, bed.diameter), *quaternion, half[a], half[b], bed.diameter]
-        found[name] = np.array(numbers)
-    return _walls(found, bed.surfaces)
-
-
-def _walls(found: dict[str, Floats], surfaces: Surfaces) -> str:
-    """Return the container of walls: place, rotation and size of each by name."""
-    surfaces.given.refuse_unknown(found)
-    lines = []
-    for name, numbers in found.items():
-        at, turn, size = rows_of_text(numbers, [3, 4, 3])
-        looks = "floor" if name == "floor" else "wall"
-        lines.append(_WALL % (name, at, turn, size, looks, surfaces.of_wall(name)))
-    return "\n".join(['    <body name="container">', *lines, "    </body>"]) if lines else ""
-
-
-def _rounded(place: Floats, diameter: float) -> Floats:
-    """Return a place to a billionth of a diameter: noise around zero is not written as numbers of its own."""
-    decimals = 9 - round(np.log10(diameter))
-    return place.round(decimals)

@@ -32,6 +32,12 @@ if TYPE_CHECKING:
 PLAIN = "grain"
 """Material of grains that have colours of their own."""
 
+_CLASS = """\
+    <default class="%sgrain">
+      <geom type="%s" condim="%d" friction="%s" %s/>
+    </default>
+"""
+_MATERIAL = '    <material name="%s%s" rgba="%g %g %g 1" specular="0.18" shininess="0.25"/>\n'
 _MESH = '    <mesh name="%s" vertex="%s" face="%s"/>'
 _FREE = '<freejoint name="%s"/>'
 _PLANAR = (
@@ -39,7 +45,7 @@ _PLANAR = (
     '<joint name="%s_turn" type="hinge" axis="0 0 1"/>'
 )
 _BODY = """\
-    <body name="%s" pos="%s" quat="%s" childclass="grain"%s>%s
+    <body name="%s" pos="%s" quat="%s" childclass="%sgrain"%s>%s
       <inertial pos="%s" quat="%s" mass="%s" diaginertia="%s"/><geom name="%s" %s %s%s/>
     </body>"""
 
@@ -64,6 +70,8 @@ class Bed:
         Centres of mass in the grains' frames, in the file's units.
     surfaces : Surfaces
         Friction of grains and walls.
+    prefix : str
+        What every name begins with.
     radii : ndarray, shape (n,), optional
         Radii in the file's units, where the grains are spheres.
     colours : ndarray, shape (n, 3), optional
@@ -78,6 +86,7 @@ class Bed:
     axes: Floats
     centres: Floats
     surfaces: Surfaces
+    prefix: str = ""
     radii: Floats | None = None
     colours: Floats | None = None
 
@@ -111,7 +120,7 @@ def measure(packing: Packing, options: MjcfOptions) -> Bed:
     is_mineral = isinstance(options.colour, str) and options.colour == "mineral"
     colours = None if is_mineral else colours_of(packing, integrals.volumes, options.colour)
     rough = surfaces(packing, options, diameter)
-    return Bed(packing, scales, diameter, masses, moments, axes, centres, rough, radii, colours)
+    return Bed(packing, scales, diameter, masses, moments, axes, centres, rough, options.prefix, radii, colours)
 
 
 def _radii(packing: Packing, volumes: Floats) -> Floats:
@@ -138,7 +147,7 @@ def shapes(bed: Bed) -> Iterator[str]:
     """Yield the meshes, about each grain's own origin: MuJoCo keeps vertices in single precision."""
     if bed.radii is not None:
         return
-    names = grain_names(bed.packing)
+    names = _names(bed)
     for first, part in stretches(bed.packing):
         grains, faces = part.grains, triangles(part.grains)
         vertices = (grains.vertices / (bed.scales.length * bed.diameter)).round(12) * bed.diameter
@@ -158,7 +167,7 @@ def bodies(bed: Bed) -> Iterator[str]:
     widest = max(np.abs(packing.positions).max() / (length * bed.diameter), 1.0)
     digits = min(9 + max(0, int(np.ceil(np.log10(widest)))), 17)
     joint = _PLANAR if packing.domain.is_planar else _FREE
-    all_names, looks = grain_names(packing), _looks(bed)
+    all_names, looks = _names(bed), _looks(bed)
     for first, part in stretches(packing):
         last = first + len(part)
         names = all_names[first:last]
@@ -167,6 +176,7 @@ def bodies(bed: Bed) -> Iterator[str]:
             names,
             table_of_text(positions, digits=digits),
             table_of_text(part.quaternions, digits=12),
+            [bed.prefix] * len(part),
             class_texts(part, ' user="%d"'),
             [joint % ((name,) * joint.count("%s")) for name in names],
             table_of_text(bed.centres[first:last]),
@@ -182,6 +192,24 @@ def bodies(bed: Bed) -> Iterator[str]:
         yield "".join([f"{_BODY}\n" % row for row in rows])
 
 
+def grain_class(bed: Bed, contact: str) -> str:
+    """Return the class of the grains' shapes, with the stiffness and damping of their contacts."""
+    shape = "mesh" if bed.radii is None else "sphere"
+    rough = bed.surfaces.of_all_grains()
+    return _CLASS % (bed.prefix, shape, rough.condim, rough.friction, contact)
+
+
+def grain_materials(bed: Bed) -> str:
+    """Return how grains look."""
+    materials = GRAIN_COLOURS if bed.colours is None else {PLAIN: (0.9, 0.9, 0.9)}
+    return "".join(_MATERIAL % (bed.prefix, name, *rgb) for name, rgb in materials.items())
+
+
+def _names(bed: Bed) -> list[str]:
+    """Return the names of the grains."""
+    return [bed.prefix + name for name in grain_names(bed.packing)]
+
+
 def _kinds(bed: Bed, names: list[str], first: int, last: int) -> list[str]:
     """Return the attributes that say what shape each grain has."""
     if bed.radii is None:
@@ -193,6 +221,6 @@ def _kinds(bed: Bed, names: list[str], first: int, last: int) -> list[str]:
 def _looks(bed: Bed) -> list[str]:
     """Return the attributes that say how each grain looks."""
     if bed.colours is None:
-        minerals = [f'material="{name}"' for name in GRAIN_COLOURS]
+        minerals = [f'material="{bed.prefix}{name}"' for name in GRAIN_COLOURS]
         return [minerals[shade] for shade in shades(len(bed.packing)).tolist()]
-    return [f'material="{PLAIN}" rgba="{rgb} 1"' for rgb in table_of_text(bed.colours, digits=4)]
+    return [f'material="{bed.prefix}{PLAIN}" rgba="{rgb} 1"' for rgb in table_of_text(bed.colours, digits=4)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
-from exporters.check import check_choice, check_positive, checked_coefficients
+from exporters.check import check_choice, check_positive, check_prefix, checked_coefficients
 from exporters.container import check_colour
 from exporters.mjcf.bouncing import LEAST, MOST
 from exporters.units import check_units
@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 
 ITERATIONS = {"PGS": 30, "CG": 100, "Newton": 100}
 """Most iterations of each solver."""
+
+IMPRATIO = 20.0
+"""Ratio of frictional to normal stiffness."""
 
 NOSLIP_AT_REST = 10
 """Iterations against slip of beds at rest: of 60 grains the farthest creeps by 5e-4 d in 5 t, without them by 2e-3."""
@@ -88,7 +91,12 @@ class MjcfOptions:
     keyframe : str
         Name of the state that the file begins in; none where it is empty.
     split : bool
-        Whether grains stand in a file of their own, which the first one includes.
+        Whether grains and walls stand in files of their own, which the first one includes, and so can a model of
+        yours: they bring all that they need and change nothing else.
+    prefix : str
+        What every name in the file begins with, where it is to be part of a model that has such names.
+    autoreset : bool
+        Whether MuJoCo begins anew where a state blows up; else it stays, to be seen.
     compiled : bool
         Whether the compiled model is written beside the text, for the version of MuJoCo that is installed: for many
         grains it loads much faster.
@@ -109,7 +117,7 @@ class MjcfOptions:
     solver: Literal["PGS", "CG", "Newton"] = "PGS"
     iterations: int | None = None
     tolerance: float = 1e-8
-    impratio: float = 20.0
+    impratio: float = IMPRATIO
     noslip_iterations: int | None = None
     contact_width: float = 1e-3
     walls: Literal["box", "floor", "none"] = "box"
@@ -120,6 +128,8 @@ class MjcfOptions:
     keyframe: str = "start"
     split: bool = False
     compiled: bool = False
+    prefix: str = ""
+    autoreset: bool = False
 
     def __post_init__(self) -> None:
         for name in ("gravity", "impratio", "contact_width"):
@@ -145,5 +155,6 @@ class MjcfOptions:
             check_choice("shapes", self.shapes, ("hulls", "spheres"))
         check_units(self.units)
         check_colour(self.colour)
+        check_prefix(self.prefix)
         if not self.keyframe.isprintable():
             raise InputError(f"keyframe must be a name that can be printed; got {self.keyframe!r}")

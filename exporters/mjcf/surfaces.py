@@ -25,6 +25,14 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 
+class Rough(NamedTuple):
+    """What MuJoCo is told of a surface: what its contacts resist, its coefficients, and its priority."""
+
+    condim: int
+    friction: str
+    priority: int
+
+
 class Surfaces(NamedTuple):
     """What is written of friction.
 
@@ -56,19 +64,17 @@ class Surfaces(NamedTuple):
         """Return MuJoCo's coefficients: of sliding and, where there are any, of torsion and of rolling."""
         return f"{friction:.9g} {self.arm:.9g} {self.arm:.9g}" if self.arm > 0 else f"{friction:.9g}"
 
-    def defaults(self) -> dict[str, object]:
-        """Return what grains and walls have that are not told otherwise."""
+    def of_all_grains(self) -> Rough:
+        """Return what grains have that are not told otherwise."""
+        return Rough(self.dimensions(self.given.grains), self.numbers(self.given.grains), 0)
+
+    def of_walls(self) -> Rough:
+        """Return what walls have that are not told otherwise."""
         given = self.given
         as_grains = 0.0 if given.own is not None else given.grains  # the grain's own is larger, or goes before
         wall = as_grains if given.walls is None else given.walls
         has_own = given.walls is not None and (given.own is not None or given.walls != given.grains)
-        return {
-            "friction": self.numbers(given.grains),
-            "condim": self.dimensions(given.grains),
-            "wall_friction": self.numbers(wall),
-            "wall_condim": self.dimensions(wall),
-            "priority": self.top if has_own else 0,
-        }
+        return Rough(self.dimensions(wall), self.numbers(wall), self.top if has_own else 0)
 
     def of_wall(self, name: str) -> str:
         """Return the attributes that a wall has besides, where it has friction of its own."""

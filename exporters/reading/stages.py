@@ -37,6 +37,8 @@ def _arrays(path: Path) -> dict[str, NDArray[Any]]:
     unit_mass = _unit("kilogramsPerUnit", UsdPhysics.GetStageKilogramsPerUnit(stage))
     bodies = [prim for prim in stage.Traverse() if prim.HasAPI(UsdPhysics.RigidBodyAPI)]
     found = [(body, prim) for body in bodies for prim in Usd.PrimRange(body) if prim.IsA(UsdGeom.Mesh)]
+    if found and not UsdGeom.StageHasAuthoredMetersPerUnit(stage):
+        raise FileFormatError("says no metersPerUnit, which USD would take for centimetres: author it, 1 for metres")
     refuse_several(path, [str(body.GetPath()) for body, _ in found])
     cache = UsdGeom.XformCache()
     shapes, poses, masses, classes = [], [], [], []

@@ -86,6 +86,8 @@ def _prim_fields(tables: Tables, prim: Prim) -> tuple[int, ...]:
     fields = [tables.field("specifier", rep(_SPECIFIER, int(is_over), is_inlined=True))]
     if prim.kind:
         fields.append(_word(tables, "typeName", prim.kind))
+    if prim.model:
+        fields.append(_word(tables, "kind", prim.model))
     if prim.schemas:
         data = bytes([_PREPENDED]) + tables.indices(list(prim.schemas))
         fields.append(tables.field("apiSchemas", rep(_TOKEN_LIST, tables.place(data))))

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 KINDS: dict[str, tuple[int, str, int]] = {
     "bool": (1, "<u4", 1),
     "int": (3, "<i4", 1),
+    "uint": (4, "<u4", 1),
     "float": (8, "<f4", 1),
     "double": (9, "<f8", 1),
     "string": (10, "<u4", 1),
@@ -65,16 +66,19 @@ class Attribute(NamedTuple):
         Numbers, words, or a `Column` in a prim of `Many`. Quaternions are (w, x, y, z).
     interpolation : str, optional
         How a primvar spreads over its mesh.
+    is_fixed : bool
+        Whether its schema says that it cannot change in time.
     """
 
     kind: str
     value: Any
     interpolation: str | None = None
+    is_fixed: bool = False
 
     @property
     def is_uniform(self) -> bool:
         """Whether it cannot change in time: so is every token."""
-        return self.kind.startswith("token")
+        return self.is_fixed or self.kind.startswith("token")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,6 +99,8 @@ class Prim:
         Prims below.
     many : Many, optional
         After them, many alike.
+    model : str
+        What it is among models, such as ``component``; empty for none.
     """
 
     name: str
@@ -104,6 +110,7 @@ class Prim:
     targets: dict[str, str] = field(default_factory=dict)
     children: tuple[Prim, ...] = ()
     many: Many | None = None
+    model: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -78,7 +78,7 @@ def write_replay(
     })  # fmt: skip
     grains = Prim(name="Grains", many=Many(stage["names"], body))
     metadata = {
-        "defaultPrim": Attribute("token", "World"),
+        "defaultPrim": Attribute("token", stage["root"]),
         "metersPerUnit": Attribute("double", stage["length"]),
         "kilogramsPerUnit": Attribute("double", stage["mass"]),
         "upAxis": Attribute("token", "Z"),
@@ -88,7 +88,7 @@ def write_replay(
         "framesPerSecond": Attribute("double", _FRAMES_PER_SECOND),
         "subLayers": [f"./{scene.name}"],
     }
-    content = crate(Prim(name="World", children=(grains,)), metadata)
+    content = crate(Prim(name=stage["root"], children=(grains,)), metadata)
     [written] = write_all(path.parent, {path.name: content}, overwrite=overwrite)
     return written
 
@@ -101,15 +101,16 @@ def _read(scene: Path) -> dict[str, Any]:
         raise MissingFileError(f"{scene}: no such file")
     try:
         layer = Sdf.Layer.FindOrOpen(str(scene))
-        grains = layer.GetPrimAtPath("/World/Grains")
+        grains = layer.GetPrimAtPath(f"/{layer.defaultPrim}/Grains") if layer.defaultPrim else None
     except Tf.ErrorException as error:
         raise FileFormatError(
             f"{scene}: pxr does not open it: {str(error).strip().splitlines()[-1].strip()}"
         ) from error
     if not grains:
-        raise FileFormatError(f"{scene}: holds no grains below /World/Grains")
+        raise FileFormatError(f"{scene}: its default prim holds no Grains")
     root = layer.pseudoRoot
     return {
+        "root": layer.defaultPrim,
         "names": [child.name for child in grains.nameChildren],
         "length": root.GetInfo("metersPerUnit"),
         "mass": root.GetInfo("kilogramsPerUnit"),

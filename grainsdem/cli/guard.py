@@ -21,7 +21,7 @@ from rich.console import Console
 
 from grainsdem.atomic import check_place
 from grainsdem.errors import GrainsDEMError, InputError, RefusedError, ValidationError, printable
-from grainsdem.options import LARGEST, SMALLEST
+from grainsdem.values import LARGEST, SMALLEST
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -12,6 +12,11 @@ from grainsdem.cli.guard import Written, guarded, out
 from grainsdem.cli.options import Bed, Force, Json, Quiet, app, keyed, load, print_json, show_files
 from grainsdem.errors import InputError, RefusedError, WriteError
 from grainsdem.looks import QUANTITIES, View
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from grainsdem.model import Packing
 
 ColorBy = Annotated[
     str,
@@ -36,6 +41,12 @@ def export(
         list[str] | None,
         typer.Option(help="A format by name or suffix, into the folder; may be repeated.", show_default=False),
     ] = None,
+    for_: Annotated[
+        str | None,
+        typer.Option(
+            "--for", help="A program: it picks format and options, and tells how to open the file.", show_default=False
+        ),
+    ] = None,
     option: Annotated[
         list[str] | None,
         typer.Option(help="An option of the format, such as binary=false or contact=cap.", show_default=False),
@@ -48,6 +59,9 @@ def export(
     import exporters
 
     packing, options = load(bed), keyed(option or [])
+    if for_ is not None:
+        _for_program(packing, outputs, for_, options, to=to, force=force, json_=json_, quiet=quiet)
+        return
     # All that can be known to be wrong is, before the first is written.
     for several in [to] if to else [[output.suffix] for output in outputs]:
         exporters.options_for(several, options)
@@ -71,6 +85,33 @@ def export(
     show_files(files, json_=json_, quiet=quiet)
     if refused:
         raise RefusedError(refused, files)
+
+
+def _for_program(
+    packing: Packing,
+    outputs: Sequence[Path],
+    program: str,
+    options: dict[str, Any],
+    *,
+    to: Sequence[str] | None,
+    force: bool,
+    json_: bool,
+    quiet: bool,
+) -> None:
+    """Write one file for a program, and tell how it is opened there."""
+    import exporters
+
+    if to or len(outputs) != 1:
+        raise InputError("--for takes one output and no --to: the program picks the format")
+    files = exporters.write(packing, outputs[0], program=program, overwrite=force, **options)
+    lines = exporters.opening(packing, files[0] if files[0].suffix else outputs[0], program, options)
+    if json_:
+        print_json({"files": [str(path) for path in files], "open": lines})
+        return
+    show_files(files, json_=False, quiet=quiet)
+    if not quiet:
+        for line in lines:
+            out.print(line, highlight=False, markup=False, soft_wrap=True)
 
 
 @app.command()

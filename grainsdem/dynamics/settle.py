@@ -34,7 +34,8 @@ from grainsdem.dynamics.watch import find_trouble, stored_energy
 from grainsdem.errors import InputError
 from grainsdem.gate import gated
 from grainsdem.model import Packing
-from grainsdem.options import ByShare, Coefficient, Note, Positive, Stored, option
+from grainsdem.options import Note, Stored, option
+from grainsdem.values import ByShare, Coefficient, Positive
 
 if TYPE_CHECKING:
     from grainsdem.dynamics.scene import Scene

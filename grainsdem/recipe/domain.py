@@ -7,7 +7,8 @@ from typing import Literal, Self
 from pydantic import model_validator
 
 from grainsdem.model import Domain
-from grainsdem.recipe.base import Positive, Table
+from grainsdem.recipe.base import Table
+from grainsdem.values import Positive
 
 
 class DomainTable(Table):

@@ -8,7 +8,8 @@ from pydantic import ConfigDict, create_model, model_validator
 
 from grainsdem.described import description
 from grainsdem.dynamics.settle import settle
-from grainsdem.recipe.base import Positive, Table
+from grainsdem.recipe.base import Table
+from grainsdem.values import Positive
 
 
 class _Settling(Table):

@@ -8,7 +8,8 @@ from pydantic import Field, model_validator
 
 from grainsdem import points
 from grainsdem.points.fields.grade import STEEPEST, Axis, Grade
-from grainsdem.recipe.base import Positive, Table
+from grainsdem.recipe.base import Table
+from grainsdem.values import Positive
 
 if TYPE_CHECKING:
     from collections.abc import Callable

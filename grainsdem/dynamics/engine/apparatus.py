@@ -44,9 +44,14 @@ class Apparatus:
         self._grains = {body.attrib["name"]: body for body in self._world.findall("body") if _is_grain(body)}
         priorities = [int(_find(body, "geom").get("priority", "0")) for body in self._grains.values()]
         self._above_grains = 1 + max(priorities, default=0)
-        for kind in _find(self._root, "default").findall("default"):
+        defaults = _find(self._root, "default")
+        for kind in defaults.findall("default"):
             if kind.get("class") == "grain":
-                _find(kind, "geom").set("conaffinity", _LOOSE)
+                grain = _find(kind, "geom")
+                grain.set("conaffinity", _LOOSE)
+                # What is added is of no class, and its contacts are as stiff as those of grains.
+                stiffness = {key: grain.attrib[key] for key in ("solref", "solimp")}
+                defaults.insert(0, ET.Element("geom", stiffness))
 
     def text(self) -> str:
         """Return the text with what was added."""

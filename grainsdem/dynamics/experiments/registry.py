@@ -23,7 +23,8 @@ from grainsdem.dynamics.loop import Record
 from grainsdem.dynamics.mechanics import snapshot
 from grainsdem.errors import InputError, MissingPackageError
 from grainsdem.gate import gated
-from grainsdem.options import STRICT, checked, model_of, notes_of
+from grainsdem.options import checked, model_of, notes_of
+from grainsdem.values import STRICT
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypedDict
 
 from exporters.mjcf.bouncing import LEAST, MOST
-from grainsdem.options import ByName, option
+from grainsdem.options import option
+from grainsdem.values import ByName
 
 if TYPE_CHECKING:
     import os

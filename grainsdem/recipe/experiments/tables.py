@@ -9,8 +9,9 @@ from pydantic import ConfigDict, Field, create_model, model_validator
 
 from grainsdem.dynamics.ensembles import MOST_SEEDS
 from grainsdem.dynamics.experiments.registry import Experiment, known
-from grainsdem.options import STRICT, paths_of
-from grainsdem.recipe.base import Positive, Table
+from grainsdem.options import paths_of
+from grainsdem.recipe.base import Table
+from grainsdem.values import STRICT, Positive
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from grainsdem.errors import InputError
-from grainsdem.recipe.base import Positive, Table
+from grainsdem.recipe.base import Table
 from grainsdem.tessellation.forms import Forms, Orientation
 from grainsdem.tessellation.metric import FLATTEST, Shape
+from grainsdem.values import Positive
 
 if TYPE_CHECKING:
     from grainsdem.tessellation.sized import Law

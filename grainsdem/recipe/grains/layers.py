@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from pydantic import model_validator
 
-from grainsdem.recipe.base import Positive, Table
+from grainsdem.recipe.base import Table
 from grainsdem.recipe.grains.sieves import SievesTable
 from grainsdem.recipe.grains.sizes import SizesTable
 from grainsdem.tessellation.graded import Wish
 from grainsdem.tessellation.layered import TOLERANCE, Layer, layered_cells, parts_of, shares
 from grainsdem.tessellation.lenses import Form, Lens
+from grainsdem.values import Positive
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

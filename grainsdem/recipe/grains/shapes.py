@@ -9,8 +9,9 @@ from pydantic import Field, model_validator
 
 from grainsdem import shapes
 from grainsdem.memory import A_CELL, allow_memory
-from grainsdem.recipe.base import Positive, Table
+from grainsdem.recipe.base import Table
 from grainsdem.recipe.grains.sieves import SievesTable
+from grainsdem.values import Positive
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -16,10 +16,11 @@ from grainsdem.measures.distributions.hyperbolic import LogHyperbolic
 from grainsdem.measures.distributions.normal import LogNormal, Normal
 from grainsdem.model import Grading
 from grainsdem.points import text
-from grainsdem.recipe.base import Positive, Table
+from grainsdem.recipe.base import Table
 from grainsdem.recipe.grains.sieves import SievesTable
 from grainsdem.tessellation import sized_cells
 from grainsdem.tessellation.graded import SHARPEST, TOLERANCE, graded_cells
+from grainsdem.values import Positive
 
 if TYPE_CHECKING:
     from collections.abc import Callable

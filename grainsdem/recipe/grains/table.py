@@ -24,12 +24,13 @@ from grainsdem.packing import (
 )
 from grainsdem.packing.carve import unwarned
 from grainsdem.packing.infill import coarse_solid_fraction
-from grainsdem.recipe.base import Coefficient, Fraction, Positive, Table
+from grainsdem.recipe.base import Fraction, Table
 from grainsdem.recipe.grains.axes import AxesTable
 from grainsdem.recipe.grains.layers import Layers, LayerTable
 from grainsdem.recipe.grains.shapes import ShapesTable
 from grainsdem.recipe.grains.sieves import SievesTable
 from grainsdem.recipe.grains.sizes import SizesTable
+from grainsdem.values import Coefficient, Positive
 
 if TYPE_CHECKING:
     from collections.abc import Callable

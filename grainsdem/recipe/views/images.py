@@ -19,8 +19,9 @@ from pydantic import (
 
 from grainsdem.measures.planform.camera.colors import mixture
 from grainsdem.measures.planform.photographs import camera_options
-from grainsdem.options import checked, number
-from grainsdem.recipe.base import Positive, Table, flat
+from grainsdem.options import checked
+from grainsdem.recipe.base import Table, flat
+from grainsdem.values import Positive, number
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

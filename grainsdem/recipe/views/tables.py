@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 from pydantic import ConfigDict, Field, create_model, model_validator
 
 from grainsdem.measures.planform.photographs import camera_options
-from grainsdem.recipe.base import Positive, Table
+from grainsdem.recipe.base import Table
+from grainsdem.values import Positive
 
 
 class ViewTable(Table):
