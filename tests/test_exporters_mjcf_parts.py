@@ -93,6 +93,7 @@ def test_a_prefix_that_no_name_can_begin_with_is_refused(fresh, prefix):
 
 
 @pytest.mark.client
+@pytest.mark.opens("mjcf", "MuJoCo", "part of another scene")
 def test_an_attached_bed_has_our_contacts_and_with_our_options_our_settings(fresh, tmp_path, capfd):
     import mujoco
 
@@ -149,6 +150,7 @@ def test_a_state_that_blows_up_is_kept_unless_told(fresh):
 
 @pytest.mark.slow
 @pytest.mark.client
+@pytest.mark.opens("mjcf", "MuJoCo", "part of another scene")
 def test_the_scoop_of_a_robot_in_si_bears_what_is_in_it():
     import mujoco
 

@@ -89,6 +89,7 @@ def test_the_stage_says_its_units_its_axis_its_gravity_and_its_default_prim(stag
 
 
 @pytest.mark.client
+@pytest.mark.opens("usd", "OpenUSD", "counted", "weighed")
 def test_masses_centres_and_inertias_read_back_are_the_exact_ones(stage, tilted):
     from pxr import UsdPhysics
 
@@ -464,6 +465,7 @@ def in_newton(tilted, newton, tmp_path_factory):
 
 @pytest.mark.client
 @pytest.mark.parametrize("size", SIZES_IN_NEWTON)
+@pytest.mark.opens("usd", "Newton", "counted", "weighed", "stepped")
 def test_newton_loads_and_steps_the_bed_with_our_masses(in_newton, size):
     bed, found = in_newton[size]
     diameter, words = SIZES_IN_NEWTON[size]
@@ -485,6 +487,7 @@ def test_newton_loads_and_steps_the_bed_with_our_masses(in_newton, size):
 
 @pytest.mark.client
 @pytest.mark.parametrize("suffix", [".usda", ".usdc", ".usdz"])
+@pytest.mark.opens("usd", "NVIDIA's validator")
 def test_the_validator_of_nvidia_finds_no_issue(tilted, tmp_path, newton, suffix):
     [path] = exporters.write(tilted, tmp_path / f"bed{suffix}")
     # Text is slower than a crate, which is all that one of its rules says.

@@ -48,6 +48,7 @@ def foreign(fresh, tmp_path_factory):
 
 
 @pytest.mark.client
+@pytest.mark.opens("usd", "OpenUSD", "part of another scene")
 def test_in_a_stage_of_centimetres_with_y_up_places_and_masses_are_right_and_gravity_is_theirs(fresh, foreign):
     from pxr import Usd, UsdGeom, UsdPhysics
 
@@ -153,7 +154,13 @@ def resting(settled, newton, tmp_path_factory):
 @pytest.mark.slow
 @pytest.mark.programs
 @pytest.mark.client
-@pytest.mark.parametrize("solver", ["mujoco", "xpbd"])
+@pytest.mark.parametrize(
+    "solver",
+    [
+        pytest.param("mujoco", marks=pytest.mark.opens("usd", "Newton", "at rest")),
+        pytest.param("xpbd", marks=pytest.mark.opens("usd", "Newton, XPBD", "weighed", "stepped", "at rest")),
+    ],
+)
 @pytest.mark.parametrize("size", BEDS)
 def test_a_bed_at_rest_stays_at_rest_in_newton(resting, size, solver):
     bed, found = resting[size, solver]
@@ -173,6 +180,7 @@ def test_a_bed_at_rest_stays_at_rest_in_newton(resting, size, solver):
 @pytest.mark.programs
 @pytest.mark.client
 @pytest.mark.parametrize(("diameter", "words"), [(1e-3, "grain"), (0.1, "si")])
+@pytest.mark.opens("usd", "PhysX", "counted", "stepped", "at rest")
 def test_physx_opens_the_stage_and_a_bed_at_rest_stays_there(settled, physx, tmp_path, diameter, words):
     bed = rescale(settled, diameter / units(settled).length)
     [path] = exporters.write(bed, tmp_path / "bed.usdc", units=words)
