@@ -23,12 +23,11 @@ module as above with ``SUFFIXES`` besides, a tuple, empty for a format that is a
 
 from __future__ import annotations
 
-from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from exporters import manifest, programs
-from exporters.formats import FORMATS, Format, find, find_for, known
+from exporters.formats import FORMATS, Format, find, find_for, known, parted, shared
 from exporters.programs import PROGRAMS, opening
 from exporters.reading import READERS, read, rounding
 from exporters.replays import replay
@@ -113,7 +112,7 @@ def write(
         found = find_for(path, format)
         return write_all(path.parent, _content(packing, found, path.stem, options), overwrite=overwrite)
     several = [find(word) for word in ([formats] if isinstance(formats, str) else formats)]
-    content, refused = manifest.together(packing, several, name, _shared(several, options))
+    content, refused = manifest.together(packing, several, name, shared(several, options))
     written = write_all(path, content, overwrite=overwrite, make_folder=True)
     if refused:
         raise RefusedError(refused, written)
@@ -158,7 +157,7 @@ def module_for(suffix: str) -> ModuleType:
 
 def _content(packing: Packing, found: Found, name: str, options: dict[str, Any]) -> dict[str, Any]:
     """Return the files of one format, all of whose options must be known."""
-    [chosen] = _shared([found], options)
+    [chosen] = shared([found], options)
     content: dict[str, Any] = found.module.files(packing, name=name, suffix=found.suffix, options=chosen)
     return content
 
@@ -180,22 +179,5 @@ def options_for(words: Sequence[str], options: Mapping[str, Any]) -> list[dict[s
         If a format or an option is unknown, or an option is out of range.
     """
     found = [find(word) for word in words]
-    _shared(found, options)
-    return _parted(found, options)
-
-
-def _shared(found: Sequence[Found], options: Mapping[str, Any]) -> list[Any]:
-    """Return the options of each format: those of the given that it has."""
-    parts = _parted(found, options)
-    return [one.module.Options(**part) for one, part in zip(found, parts, strict=True)]
-
-
-def _parted(found: Sequence[Found], options: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return which of the given options each format has; all must be known."""
-    known_to = [{field.name for field in fields(one.module.Options)} for one in found]
-    unknown = [option for option in options if not any(option in names for names in known_to)]
-    if unknown:
-        names = dict.fromkeys(field.name for one in found for field in fields(one.module.Options))
-        formats = ", ".join(one.suffix or one.name for one in found) or "no format"
-        raise InputError(f"{formats} has no option {', '.join(unknown)}; it has {', '.join(names)}")
-    return [{key: value for key, value in options.items() if key in names} for names in known_to]
+    shared(found, options)
+    return parted(found, options)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from importlib import import_module
 from importlib.metadata import entry_points
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from grainsdem.errors import InputError
 from grainsdem.gate import gated
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
     from importlib.metadata import EntryPoint
     from pathlib import PurePath
     from types import ModuleType
@@ -138,3 +140,20 @@ def _load(entry: EntryPoint) -> ModuleType:
     if lacking:
         raise InputError(f"{entry.value}, a format by entry point {entry.name!r}, lacks {', '.join(lacking)}")
     return module
+
+
+def shared(found: Sequence[Found], options: Mapping[str, Any]) -> list[Any]:
+    """Return the options of each format: those of the given that it has."""
+    parts = parted(found, options)
+    return [one.module.Options(**part) for one, part in zip(found, parts, strict=True)]
+
+
+def parted(found: Sequence[Found], options: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return which of the given options each format has; all must be known."""
+    known_to = [{field.name for field in fields(one.module.Options)} for one in found]
+    unknown = [option for option in options if not any(option in names for names in known_to)]
+    if unknown:
+        names = dict.fromkeys(field.name for one in found for field in fields(one.module.Options))
+        formats = ", ".join(one.suffix or one.name for one in found) or "no format"
+        raise InputError(f"{formats} has no option {', '.join(unknown)}; it has {', '.join(names)}")
+    return [{key: value for key, value in options.items() if key in names} for names in known_to]

@@ -65,6 +65,7 @@ def read_back(path):
     return atoms, bodies
 
 
+@pytest.mark.opens("lammps", "LAMMPS", "counted", "weighed")
 def test_lammps_holds_every_grain_where_it_was_with_its_mass_inertia_and_core(lmp, tmp_path):
     bed = replace(small_bed(1e-3), links=None)
     bed = replace(bed, quaternions=random_quaternions(len(bed), np.random.default_rng(4)))
@@ -100,6 +101,7 @@ def test_lammps_holds_every_grain_where_it_was_with_its_mass_inertia_and_core(lm
 
 
 @pytest.mark.parametrize("diameter", SIZES)
+@pytest.mark.opens("lammps", "LAMMPS", "stepped")
 def test_lammps_steps_a_bed_of_any_size_that_starts_without_overlap(lmp, tmp_path, diameter):
     bed = small_bed(diameter)
     written(bed, tmp_path / "bed.in")

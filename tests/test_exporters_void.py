@@ -169,6 +169,8 @@ def test_gmsh_fills_the_void_of_cut_cubes_exactly(program, tmp_path, scale):
 
 
 @pytest.mark.client
+@pytest.mark.opens("msh", "Gmsh", "counted", "weighed", "meshed")
+@pytest.mark.opens("msh", "OpenFOAM", "counted")
 def test_gmsh_fills_the_void_of_forty_grains_and_openfoam_takes_it(program, forty, tmp_path):
     bed, box = forty
     path = tmp_path / "bed.msh"
