@@ -11,6 +11,7 @@ import numpy as np
 
 from grainsdem.errors import FileFormatError, MissingFileError
 from grainsdem.foreign import refusing
+from grainsdem.model.arrays import LONGEST, SHORTEST
 
 if TYPE_CHECKING:
     import os
@@ -79,13 +80,11 @@ def quality(path: str | os.PathLike[str]) -> Quality:
 
 def _conditions(edges: Floats) -> Floats:
     """Return the signed inverse condition numbers of tetrahedra, with respect to the regular one."""
-    maps = np.linalg.inv(_REGULAR) @ edges
+    maps = np.linalg.inv(_REGULAR) @ (edges / np.abs(edges).max(axis=(1, 2), keepdims=True))
     # The inverse's norm from the cofactors: a flat one has no inverse.
-    cofactors = np.stack(
-        [np.cross(maps[:, 1], maps[:, 2]), np.cross(maps[:, 2], maps[:, 0]), np.cross(maps[:, 0], maps[:, 1])], axis=1
-    )
+    cofactors = np.stack([np.cross(maps[:, k - 2], maps[:, k - 1]) for k in range(3)], axis=1)
     norms = np.linalg.norm(maps, axis=(1, 2)) * np.linalg.norm(cofactors, axis=(1, 2))
-    return np.asarray(3 * np.linalg.det(maps) / norms)
+    return np.divide(3 * np.linalg.det(maps), norms, out=np.zeros(len(maps)), where=norms > 0)
 
 
 def _angles(corners: Floats) -> Floats:
@@ -122,4 +121,11 @@ def _corners(path: Path) -> Floats:
         at = order[np.searchsorted(nodes[order, 0], told)]
         if (nodes[at, 0] != told).any():
             raise FileFormatError("a corner of a tetrahedron is no node")
-        return np.asarray(nodes[at, 1:4])
+        corners = np.asarray(nodes[at, 1:4])
+        if not (np.isfinite(corners).all() and np.abs(corners).max() < LONGEST):
+            raise FileFormatError(f"coordinates must be finite and below {LONGEST:.0e} m")
+        if any(
+            (np.abs(corners[:, a] - corners[:, b]).max(axis=1) < SHORTEST).any() for a, b in combinations(range(4), 2)
+        ):
+            raise FileFormatError("a tetrahedron has two corners in one place")
+        return corners
