@@ -156,7 +156,7 @@ def tiled(n=12, periodic=(True, True, True), **shrinking):
 
 @pytest.mark.unit
 @pytest.mark.parametrize(
-    "contact", ["shrink", "bridge", *(pytest.param(k, marks=pytest.mark.slow) for k in ("cap", "union"))]
+    "contact", ["shrink", *(pytest.param(k, marks=pytest.mark.slow) for k in ("cap", "bridge", "union"))]
 )
 def test_opposite_faces_of_a_periodic_cell_are_one(contact):
     # Gaps are about the one asked for: images of a grain must be treated alike.
@@ -204,13 +204,16 @@ def test_each_grain_has_a_patch_of_its_own_where_asked(monkeypatch):
 
 
 @pytest.mark.client
-@pytest.mark.parametrize("contact", ["shrink", "cap"])
-def test_openfoam_has_a_patch_a_grain_and_runs(contact, program, tmp_path):
+@pytest.mark.parametrize(("contact", "processes"), [("shrink", "1"), ("cap", "2")])
+def test_openfoam_has_a_patch_a_grain_and_runs_in_parallel_too(contact, processes, program, tmp_path):
     program("simpleFoam", "openfoam")
+    program("mpirun", "openmpi-bin")
     bed = cube_packing([[3.0, 5, 5], [7, 5, 5], [5, 5, 9], [5, 1, 1.2]])
     # The last two are cut by the box.
     exporters.write(bed, tmp_path, formats="openfoam", region=BOX, cells=5, per_grain=True, contact=contact)
-    result = subprocess.run(["./Allrun"], cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True, check=False)
+    result = subprocess.run(
+        ["./Allrun", processes], cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True, check=False
+    )
     assert result.returncode == 0, result.stdout[-2000:] + result.stderr[-500:]
     patches = re.findall(
         r"(\w+)\n +{\n +type +wall;\n +inGroups[^(]*\(grains wall\);\n +nFaces +(\d+)",
