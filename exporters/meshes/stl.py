@@ -95,7 +95,10 @@ class StlOptions:
 Options = StlOptions
 
 LOSES = (
-    "Polygons are cut into triangles, and vertices are rounded to single precision.",
+    (
+        "Polygons are cut into triangles, and vertices are rounded to single precision: a grain's volume changes by up "
+        "to some 1e-7 of its distance from the origin over its diameter, by 2.3e-6 at worst in a bed of 16 000."
+    ),
     "Masses, densities and poses are not carried; which triangles are which grain's stands in the table beside it.",
 )
 """What the format does not carry."""
@@ -135,6 +138,27 @@ def factors(packing: Packing, options: StlOptions) -> dict[str, float]:
     """Return the factors from the file's units to SI; it has no masses and no times."""
     length = chosen_units(options.units, integrate(packing.grains).volumes, packing.densities).length
     return {"length": length, "mass": 1.0, "time": 1.0}
+
+
+def report(packing: Packing, options: StlOptions) -> dict[str, float]:
+    """Return what single precision does to volumes: of all grains together, and of the grain that it changes most."""
+    sizes = measured(packing).volumes
+    length = chosen_units(options.units, sizes, packing.densities).length
+    plan = _planned(packing, sizes, options.origin, length)
+    kept = length**3 * np.concatenate([_volumes(part) for _, part in _surfaces(packing, plan)])
+    return {
+        "volume_change": float(kept.sum() / sizes.sum() - 1.0),
+        "largest_volume_change_of_a_grain": float(np.abs(kept / sizes - 1.0).max()),
+    }
+
+
+def _volumes(part: Facets) -> NDArray[np.float64]:
+    """Return the volume that the triangles of each grain enclose."""
+    corners = part.corners.astype(np.float64)
+    # About a corner of each grain: far from the origin little would be left of the differences.
+    corners -= corners[part.offsets[:-1], 0][owners(part.offsets)][:, None]
+    parts = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6
+    return sum_rows(parts, part.offsets)
 
 
 def surface(packing: Packing, origin: Literal["world", "domain"] = "world") -> tuple[Singles, Offsets]:
@@ -178,9 +202,8 @@ class _Plan(NamedTuple):
 
 def _planned(packing: Packing, volumes: NDArray[np.float64], origin: str, length: float) -> _Plan:
     """Return the plan of a surface, once all grains are known to keep their volume in single precision."""
-    plan = _Plan(
-        packing.domain.lower if origin == "domain" else 0.0, length, np.empty(len(packing), dtype=np.int64), []
-    )
+    shift = packing.domain.lower if origin == "domain" else 0.0
+    plan = _Plan(shift, length, np.empty(len(packing), dtype=np.int64), [])
     bad = np.empty(len(packing), dtype=bool)
     farthest = 0.0
     for first, part in stretches(packing):
