@@ -154,13 +154,14 @@ class Rounded(NamedTuple):
         Those of the cores.
     radii : ndarray, shape (n,)
         Radius [m] of each grain's sphere.
-    volumes : ndarray, shape (n,)
-        Volumes [m³] of the swept cores.
+    core_volumes, volumes : ndarray, shape (n,)
+        Volumes [m³] of the cores, and of the swept cores.
     """
 
     cores: Polyhedra
     edges: Edges
     radii: Floats
+    core_volumes: Floats
     volumes: Floats
 
 
@@ -205,7 +206,7 @@ def rounded(packing: Packing, sizes: Bodies, rounding: float) -> Rounded:
     bends = sum_rows(lengths * angles, found.offsets)
     core = integrate(cores)
     swept = core.volumes + core.areas * radii + bends / 2 * radii**2 + 4 / 3 * np.pi * radii**3
-    return Rounded(cores, found, radii, swept)
+    return Rounded(cores, found, radii, core.volumes, swept)
 
 
 class Skin(NamedTuple):
@@ -215,13 +216,14 @@ class Skin(NamedTuple):
     ----------
     radii : ndarray, shape (n,)
         Radius [m] of each grain's sphere.
-    volumes : ndarray, shape (n,)
-        Volumes [m³] of the swept cores.
+    core_volumes, volumes : ndarray, shape (n,)
+        Volumes [m³] of the cores, and of the swept cores.
     n_vertices, n_edges, n_quads : ndarray of int64, shape (n,)
         Vertices and edges of each core, and how many pieces its faces are cut into that have four corners at most.
     """
 
     radii: Floats
+    core_volumes: Floats
     volumes: Floats
     n_vertices: NDArray[np.int64]
     n_edges: NDArray[np.int64]
@@ -241,7 +243,7 @@ def skin(packing: Packing, sizes: Bodies, rounding: float) -> Skin:
         for _, _, one in rounded_parts(packing, sizes, rounding):
             pieces = (np.diff(one.cores.face_vertex_offsets) - 1) // 2
             counts = (np.diff(one.cores.vertex_offsets), np.diff(one.edges.offsets))
-            rows.append((one.radii, one.volumes, *counts, sum_rows(pieces, one.cores.face_offsets)))
+            rows.append((one.radii, one.core_volumes, one.volumes, *counts, sum_rows(pieces, one.cores.face_offsets)))
     except InputError:
         rounded(packing, sizes, rounding)  # the same error, of all grains under their own numbers
         raise
@@ -258,7 +260,7 @@ def rounded_parts(packing: Packing, sizes: Bodies, rounding: float) -> Iterator[
 
 
 def report(packing: Packing, options: SkinOptions) -> dict[str, float]:
-    """Return what the rounding does to the grains: its radii [m], and the part of their volume that it takes."""
+    """Return what the rounding does to the grains: radii [m], and what cores and swept cores lack of volume."""
     sizes = bodies(packing)
     return _lost(skin(packing, sizes, options.rounding), sizes)
 
@@ -273,13 +275,24 @@ def rounding_comment(found: Skin, sizes: Bodies) -> str:
     )
 
 
+def core_comment(found: Skin, sizes: Bodies) -> str:
+    """Return as one sentence for a file's comments how much smaller the polyhedra in it are than the grains."""
+    told = _lost(found, sizes)
+    return (
+        f"The polyhedra here are cores, without the sphere that rounds them: {100 * told['core_volume_lost']:.4g} % "
+        f"less volume than the grains, {100 * told['largest_core_volume_lost_by_a_grain']:.4g} % less than one at most."
+    )
+
+
 def _lost(found: Skin, sizes: Bodies) -> dict[str, float]:
-    return {
+    told = {
         "smallest_rounding_radius": float(found.radii.min()),
         "largest_rounding_radius": float(found.radii.max()),
-        "volume_lost": float(1 - found.volumes.sum() / sizes.volumes.sum()),
-        "largest_volume_lost_by_a_grain": float((1 - found.volumes / sizes.volumes).max()),
     }
+    for word, left in (("volume_lost", found.volumes), ("core_volume_lost", found.core_volumes)):
+        told[word] = float(1 - left.sum() / sizes.volumes.sum())
+        told[f"largest_{word}_by_a_grain"] = float((1 - left / sizes.volumes).max())
+    return told
 
 
 def kinds_of(packing: Packing) -> tuple[list[int], list[int]]:
