@@ -17,6 +17,9 @@ A module of a format holds
 ``report(packing, options)``, where writing changes the grains
     Returns what it did to them, as JSON values for the manifest.
 
+Options that all formats have (`SHARED`) are done before: ``min_edge`` gives each the grains of `grainsdem.merge_edges`.
+What puts a skin around grains has a field of that name besides, for the cores.
+
 Other distributions add formats through entry points of the group ``grainsdem.exporters``: the name of the format, and a
 module as above with ``SUFFIXES`` besides, a tuple, empty for a format that is a folder.
 """
@@ -35,6 +38,8 @@ from exporters.replays import replay
 from grainsdem.atomic import write_all
 from grainsdem.errors import InputError, RefusedError
 from grainsdem.gate import gated
+from grainsdem.packing import merge_edges
+from grainsdem.packing.blunting import check_min_edge
 
 if TYPE_CHECKING:
     import os
@@ -45,9 +50,12 @@ if TYPE_CHECKING:
     from grainsdem.model import Packing
 
 __all__ = [
-    "FORMATS", "PROGRAMS", "READERS", "Format", "files", "find", "known", "module_for", "opening", "options_for",
-    "read", "replay", "rounding", "write",
+    "FORMATS", "PROGRAMS", "READERS", "SHARED", "Format", "files", "find", "known", "module_for", "opening",
+    "options_for", "read", "replay", "rounding", "write",
 ]  # fmt: skip
+
+SHARED = ("min_edge",)
+"""Options that all formats have."""
 
 
 @gated
@@ -60,6 +68,7 @@ def write(
     program: str | None = None,
     name: str = "bed",
     overwrite: bool = True,
+    min_edge: float | None = None,
     **options: Any,
 ) -> list[Path]:
     """Write a packing: one file whose suffix picks the format, or a folder with many formats and a manifest.
@@ -82,6 +91,9 @@ def write(
         Name of the files in a folder, without suffix.
     overwrite : bool
         Whether files that exist are replaced.
+    min_edge : float, optional
+        Shortest edge of a grain, in its diameters: shorter ones are merged before (`grainsdem.merge_edges`), in every
+        format alike. The manifest says under ``provenance`` what that took.
     **options
         Fields of the format's options, `exporters.mjcf.MjcfOptions` for one; with many formats each gets those that it
         has.
@@ -109,6 +121,7 @@ def write(
         wanted = programs.program(program)
         path, format = programs.path_for(path, wanted, program), wanted.format  # noqa: A001
         options = {**wanted.options, **options}
+    packing, options = _prepared(packing, min_edge, options)
     if formats is None:
         found = find_for(path, format)
         return write_all(path.parent, _content(packing, found, path.stem, options), overwrite=overwrite)
@@ -126,6 +139,7 @@ def files(
     suffix: str,
     *,
     name: str = "bed",
+    min_edge: float | None = None,
     **options: Any,
 ) -> dict[str, bytes]:
     """Return what `write` would write: file name to bytes.
@@ -138,14 +152,15 @@ def files(
         Format, as a suffix (``".usda"``) or a name (``"usd"``).
     name : str
         Name of the files without suffix.
-    **options
-        Fields of the format's options.
+    min_edge, **options
+        As of `write`.
 
     Raises
     ------
     InputError
         As `write`.
     """
+    packing, options = _prepared(packing, min_edge, options)
     written = _content(packing, find(suffix), name, options)
     return {file: part if isinstance(part, bytes) else b"".join(part) for file, part in written.items()}
 
@@ -154,6 +169,13 @@ def files(
 def module_for(suffix: str) -> ModuleType:
     """Return the module that writes files of a suffix, imported when it is needed."""
     return find(suffix).module
+
+
+def _prepared(packing: Packing, min_edge: float | None, options: dict[str, Any]) -> tuple[Packing, dict[str, Any]]:
+    """Return the grains as every format gets them, and the options with those that all have."""
+    if min_edge is None:
+        return packing, options
+    return merge_edges(packing, min_edge).packing, {**options, "min_edge": min_edge}
 
 
 def _content(packing: Packing, found: Found, name: str, options: dict[str, Any]) -> dict[str, Any]:
@@ -186,16 +208,27 @@ def options_for(words: Sequence[str], options: Mapping[str, Any]) -> list[dict[s
 
 def _shared(found: Sequence[Found], options: Mapping[str, Any]) -> list[Any]:
     """Return the options of each format: those of the given that it has."""
+    if options.get("min_edge") is not None:
+        check_min_edge(options["min_edge"])
+    names = [_names(one) for one in found]
     parts = _parted(found, options)
-    return [one.module.Options(**part) for one, part in zip(found, parts, strict=True)]
+    return [
+        one.module.Options(**{key: value for key, value in part.items() if key in own})
+        for one, own, part in zip(found, names, parts, strict=True)
+    ]
+
+
+def _names(one: Found) -> list[str]:
+    """Return the names of the options that a format has of its own."""
+    return [field.name for field in fields(one.module.Options)]
 
 
 def _parted(found: Sequence[Found], options: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Return which of the given options each format has; all must be known."""
-    known_to = [{field.name for field in fields(one.module.Options)} for one in found]
+    known_to = [[*_names(one), *SHARED] for one in found]
     unknown = [option for option in options if not any(option in names for names in known_to)]
     if unknown:
-        names = dict.fromkeys(field.name for one in found for field in fields(one.module.Options))
+        names = dict.fromkeys(name for one in known_to for name in one)
         formats = ", ".join(one.suffix or one.name for one in found) or "no format"
         raise InputError(f"{formats} has no option {', '.join(unknown)}; it has {', '.join(names)}")
     return [{key: value for key, value in options.items() if key in names} for names in known_to]

@@ -148,7 +148,7 @@ def files(
     options = options or SkinOptions()
     sizes = bodies(packing)
     scales = units_of(sizes.volumes, packing.densities, options.gravity)
-    found = skin(packing, sizes, options.rounding)
+    found = skin(packing, sizes, options)
     _refuse_long(found)
     bed = _Bed(packing, name, options, sizes, scales, found, world_bounds(packing))
     return {f"{name}{suffix}": _script(bed).encode(), f"{name}.data": _data(bed)}
@@ -258,7 +258,7 @@ def _data(bed: _Bed) -> Iterator[bytes]:
         atoms = zip(range(rows.start + 1, rows.stop + 1), kinds[rows], masses, places, strict=True)
         yield "".join([f"{atom} {kind} 1 {mass} {place}\n" for atom, kind, mass, place in atoms]).encode()
     yield b"\nBodies\n\n"
-    for rows, mine, one in rounded_parts(bed.packing, sizes, bed.options.rounding):
+    for rows, mine, one in rounded_parts(bed.packing, sizes, bed.options):
         yield _bodies(bed, rows, mine, one)
 
 
