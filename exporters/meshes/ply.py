@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from exporters.check import check_choice, check_name, measured, stretches
+from exporters.meshes.union import united, what_united
 from grainsdem.geometry.rotations import world_vertices
 from grainsdem.geometry.triangles import best_apexes, triangles
 from grainsdem.ragged import offsets_from_counts, owners, sum_rows
@@ -41,6 +42,8 @@ class PlyOptions:
     ids : {"vertex", "face", "none"}
         Whether the grain, and its class where it has one, is a property of every vertex, which most readers take or
         pass over; of every face, which meshio does not read; or left out, for Gmsh.
+    merge : bool
+        One surface, the union of all grains, of triangles and without ids.
 
     Raises
     ------
@@ -51,6 +54,7 @@ class PlyOptions:
     polygons: bool = False
     double: bool = True
     ids: Literal["vertex", "face", "none"] = "vertex"
+    merge: bool = False
 
     def __post_init__(self) -> None:
         check_choice("ids", self.ids, IDS)
@@ -81,7 +85,14 @@ def files(
     check_name(name)
     measured(packing)
     options = options or PlyOptions()
+    if options.merge:
+        packing, options = united(packing), replace(options, ids="none")
     return {f"{name}{suffix}": _content(packing, options)}
+
+
+def report(packing: Packing, options: PlyOptions) -> dict[str, Any]:
+    """Return what merging does to the grains; nothing where they are not merged."""
+    return what_united(packing) if options.merge else {}
 
 
 def _content(packing: Packing, options: PlyOptions) -> Iterator[bytes]:

@@ -7,7 +7,7 @@ each grain is closed and no triangle is without area.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from exporters.check import (
     shapes_of,
     stretches,
 )
+from exporters.meshes.union import united, what_united
 from exporters.text import filled
 from exporters.units import check_units, chosen_units
 from grainsdem.errors import InputError
@@ -69,6 +70,8 @@ class StlOptions:
         Binary, with a table beside it that says which triangles are which grain's; else ASCII, one named solid a grain.
     per_grain : bool
         One file a grain, ``bed/g000000.stl`` and on, in place of one for all.
+    merge : bool
+        One surface, the union of all grains, without a table.
     origin : {"world", "domain"}
         Where the file's origin lies: that of the packing, or the lower corner of its domain, for a packing so far
         from its origin that single precision would blur it.
@@ -79,17 +82,22 @@ class StlOptions:
     Raises
     ------
     InputError
-        If the origin or the units are not among those allowed.
+        If the origin or the units are not among those allowed, or grains are to be merged and written one by one.
     """
 
     binary: bool = True
     per_grain: bool = False
+    merge: bool = False
     origin: Literal["world", "domain"] = "world"
     units: Units = "si"
 
     def __post_init__(self) -> None:
         check_choice("origin", self.origin, ("world", "domain"))
         check_units(self.units)
+        if self.merge and self.per_grain:
+            raise InputError(
+                "grains are either merged into one surface or written to a file each; got merge and per_grain"
+            )
 
 
 Options = StlOptions
@@ -123,11 +131,16 @@ def files(
     options = options or StlOptions()
     sizes = measured(packing).volumes
     length = chosen_units(options.units, sizes, packing.densities).length
+    if options.merge:
+        packing = united(packing)
+        sizes = integrate(packing.grains).volumes
     plan = _planned(packing, sizes, options.origin, length)
     if options.per_grain:
         return _one_a_grain(packing, name, suffix, options, length)
     if not options.binary:
         return {f"{name}{suffix}": _ascii(packing, plan)}
+    if options.merge:
+        return {f"{name}{suffix}": _binary(packing, plan)}
     return {
         f"{name}{suffix}": _binary(packing, plan),
         f"{name}{TABLE}": _table(plan.counts, packing.classes),
@@ -140,8 +153,13 @@ def factors(packing: Packing, options: StlOptions) -> dict[str, float]:
     return {"length": length, "mass": 1.0, "time": 1.0}
 
 
-def report(packing: Packing, options: StlOptions) -> dict[str, float]:
-    """Return what single precision does to volumes: of all grains together, and of the grain that it changes most."""
+def report(packing: Packing, options: StlOptions) -> dict[str, Any]:
+    """Return what single precision does to volumes: of all grains together, and of the grain that it changes most.
+
+    Where grains are merged it is what that does to them.
+    """
+    if options.merge:
+        return what_united(packing)
     sizes = measured(packing).volumes
     length = chosen_units(options.units, sizes, packing.densities).length
     plan = _planned(packing, sizes, options.origin, length)

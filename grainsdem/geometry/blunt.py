@@ -10,14 +10,13 @@ from grainsdem.errors import InputError
 from grainsdem.geometry.edges import edge_lengths, edges
 from grainsdem.geometry.hulls import convex_hull, outline
 from grainsdem.geometry.integrals import volumes
-from grainsdem.geometry.selection import select
-from grainsdem.model import Polyhedra
-from grainsdem.ragged import offsets_from_counts, owners, sum_rows
+from grainsdem.geometry.selection import replaced, select
+from grainsdem.ragged import owners, sum_rows
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import NDArray
+
+    from grainsdem.model import Polyhedra
 
     Floats = NDArray[np.float64]
 
@@ -80,7 +79,7 @@ def blunt(shapes: Polyhedra, shortest: Floats, *, are_prisms: bool = False) -> B
         made.append(one if is_gone[i] else left)
         apart = np.linalg.norm(one.vertices[:, None] - made[-1].vertices[None], axis=2)
         distances[i] = apart.min(axis=1).max()
-    return Blunted(_replaced(shapes, rows, made), n_edges, distances, is_gone)
+    return Blunted(replaced(shapes, rows, made), n_edges, distances, is_gone)
 
 
 def _is_upright(shapes: Polyhedra, ends: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -121,26 +120,3 @@ def _volume(points: Floats) -> float:
         return outline(points).volume
     except InputError:
         return 0.0
-
-
-def _replaced(shapes: Polyhedra, rows: NDArray[np.int64], others: Sequence[Polyhedra]) -> Polyhedra:
-    """Return the polyhedra, some of them replaced by others."""
-    if rows.size == 0:
-        return shapes
-    pool = [shapes, *others]
-    order = np.arange(len(shapes))
-    order[rows] = len(shapes) + np.arange(rows.size)
-
-    def offsets(name: str) -> NDArray[np.int64]:
-        return offsets_from_counts(np.concatenate([np.diff(getattr(part, name)) for part in pool]))
-
-    return select(
-        Polyhedra(
-            np.concatenate([part.vertices for part in pool]),
-            offsets("vertex_offsets"),
-            offsets("face_offsets"),
-            np.concatenate([part.face_vertices for part in pool]),
-            offsets("face_vertex_offsets"),
-        ),
-        order,
-    )[0]
