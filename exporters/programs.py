@@ -65,7 +65,7 @@ solver = newton.solvers.SolverMuJoCo(model, solver="cg", nconmax={contacts}, njm
     "isaac": Program("usd", ".usdc", """\
 omni.usd.get_context().open_stage("{file}")
 omni.timeline.get_timeline_interface().play()
-# as a part of another stage: write it with scene=false, in that stage's units"""),
+# as a part of another stage: write it with scene=false, in that stage's units""", {"units": "grain"}),
     "drake": Program("sdf", ".sdf", """\
 plant, scene = AddMultibodyPlantSceneGraph(builder, {step:.3g})
 Parser(plant).AddModels("{file}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import shutil
 import subprocess
@@ -59,6 +60,15 @@ def pytest_collection_modifyitems(items):
     for item in items:
         if NOT_BROUGHT & set(item.fixturenames):
             item.add_marker("programs")
+        item.user_properties += [("opens", mark.args) for mark in item.iter_markers("opens")]
+
+
+def pytest_runtest_logreport(report):
+    """Note which program opened which format, where `GRAINSDEM_LEDGER` says a file for it; see `format_table`."""
+    ledger = os.environ.get("GRAINSDEM_LEDGER")
+    if ledger and report.when == "call" and report.passed and "PYTEST_XDIST_WORKER" not in os.environ:
+        with Path(ledger).open("a", encoding="utf-8") as file:
+            file.writelines(f"{json.dumps(told)}\n" for name, told in report.user_properties if name == "opens")
 
 
 @pytest.hookimpl(wrapper=True)
@@ -150,6 +160,12 @@ def newton(environment):
     return environment(
         "newton", "newton[sim]", "newton-usd-schemas>=0.6", "scipy", "usd-core<26.9", "omniverse-asset-validator"
     )
+
+
+@pytest.fixture(scope="session")
+def physx(environment):
+    """The Python of an environment with PhysX, as Omniverse ships it, for the processor."""
+    return environment("physx", "ovphysx>=0.7", "physx-usd-schemas", "newton-usd-schemas>=0.6")
 
 
 @pytest.fixture(scope="session")

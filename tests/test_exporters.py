@@ -90,7 +90,9 @@ def test_a_suffix_in_capitals_is_the_same_format_under_the_name_that_was_asked_f
 
 
 def test_an_unknown_option_is_refused_with_the_known_ones(fresh):
-    with pytest.raises(InputError, match=r"\.stl has no option friction; it has binary, per_grain, merge, origin, units, min_edge"):
+    with pytest.raises(
+        InputError, match=r"\.stl has no option friction; it has binary, per_grain, merge, origin, units, min_edge"
+    ):
         exporters.files(fresh, ".stl", friction=0.5)
 
 

@@ -2,8 +2,8 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
+import format_table
 import numpy as np
 import pytest
 from beds import small_bed, two_grains
@@ -189,11 +189,19 @@ def test_the_command_line_writes_each_by_suffix_and_all_of_them_by_name(tmp_path
 
 @pytest.mark.unit
 def test_the_page_of_formats_has_a_row_for_each_with_its_suffixes():
-    page = (Path(__file__).parent.parent / "docs" / "formats.md").read_text(encoding="utf-8")
+    page = format_table.PAGE.read_text(encoding="utf-8").partition(format_table.BEGIN)[0]
     rows = {line.split("`")[1]: line.split("|")[1] for line in page.splitlines() if line.startswith("| `")}
     assert set(rows) == set(exporters.FORMATS)
     for name, format_ in exporters.FORMATS.items():
         assert [word for word in rows[name].split("`") if word.startswith(".")] == list(format_.suffixes)
+
+
+@pytest.mark.unit
+def test_the_table_of_programs_is_that_of_the_tests_that_passed():
+    told = json.loads(format_table.KEPT.read_text(encoding="utf-8"))
+    assert format_table.page(told) == format_table.PAGE.read_text(encoding="utf-8")
+    assert {row[0] for row in told["rows"]} | set(format_table.NOT_RUN) == set(exporters.FORMATS)
+    assert {word for row in told["rows"] for word in row[3:]} <= set(format_table.DONE)
 
 
 @pytest.mark.unit

@@ -67,6 +67,7 @@ def read_back(path):
     return atoms, bodies
 
 
+@pytest.mark.opens("lammps", "LAMMPS", "counted", "weighed")
 def test_lammps_holds_every_grain_where_it_was_with_its_mass_inertia_and_core(lmp, tmp_path):
     bed = replace(small_bed(1e-3), links=None)
     bed = replace(bed, quaternions=random_quaternions(len(bed), np.random.default_rng(4)))
@@ -120,6 +121,7 @@ def test_both_files_and_the_manifest_say_how_much_smaller_cores_are_than_their_g
 
 
 @pytest.mark.parametrize("diameter", SIZES)
+@pytest.mark.opens("lammps", "LAMMPS", "stepped")
 def test_lammps_steps_a_bed_of_any_size_that_starts_without_overlap(lmp, tmp_path, diameter):
     bed = small_bed(diameter)
     written(bed, tmp_path / "bed.in")

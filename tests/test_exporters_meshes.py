@@ -54,6 +54,7 @@ def sized(packing, diameter):
 
 @pytest.mark.client
 @pytest.mark.parametrize("diameter", DIAMETERS)
+@pytest.mark.opens("vtk", "VTK", "counted", "weighed")
 def test_vtk_reads_polygons_with_every_measure_of_their_grain(fresh, tmp_path, diameter):
     packing = sized(fresh, diameter)
     mesh = pyvista.read(written(packing, tmp_path, ".vtp", precision="double"))
@@ -70,6 +71,7 @@ def test_vtk_reads_polygons_with_every_measure_of_their_grain(fresh, tmp_path, d
 
 @pytest.mark.client
 @pytest.mark.parametrize("diameter", DIAMETERS)
+@pytest.mark.opens("vtk", "VTK", "counted", "weighed")
 def test_vtk_reads_one_polyhedron_a_grain(fresh, tmp_path, diameter):
     packing = sized(fresh, diameter)
     grid = pyvista.read(written(packing, tmp_path, ".vtu"))
@@ -106,6 +108,8 @@ def test_a_time_series_of_no_time_or_of_other_grains_is_refused(fresh):
 
 @pytest.mark.client
 @pytest.mark.parametrize("diameter", DIAMETERS)
+@pytest.mark.opens("ply", "trimesh", "weighed")
+@pytest.mark.opens("ply", "VTK", "counted")
 def test_trimesh_reads_a_closed_ply_and_vtk_the_polygons(fresh, tmp_path, diameter):
     packing = sized(fresh, diameter)
     expected = volumes(packing.grains)
@@ -130,6 +134,7 @@ def solid_volumes(mesh, owner, n):
 
 
 @pytest.mark.client
+@pytest.mark.opens("ply", "meshio", "counted", "weighed")
 def test_meshio_reads_ply_with_the_grain_of_every_vertex(fresh, tmp_path):
     mesh = meshio.read(written(fresh, tmp_path, ".ply"))
     assert np.array_equal(mesh.points, world_vertices(fresh))
@@ -145,6 +150,7 @@ def test_meshio_reads_ply_with_the_grain_of_every_vertex(fresh, tmp_path):
 
 
 @pytest.mark.client
+@pytest.mark.opens("ply", "Gmsh", "weighed")
 def test_gmsh_reads_ply_of_single_precision_without_ids(program, fresh, tmp_path):
     path = written(fresh, tmp_path, ".ply", ids="none", double=False)
     done = subprocess.run(
@@ -159,6 +165,7 @@ def test_gmsh_reads_ply_of_single_precision_without_ids(program, fresh, tmp_path
 
 
 @pytest.mark.client
+@pytest.mark.opens("vtk", "meshio", "counted", "weighed")
 def test_meshio_reads_polyhedra_with_their_measures_where_they_are_sorted_by_corners(fresh, tmp_path):
     path = written(fresh, tmp_path, ".vtu", by_corners=True, precision="double")
     mesh, rows = meshio.read(path), table(fresh)
@@ -189,6 +196,7 @@ def centres(packing):
 
 @pytest.mark.client
 @pytest.mark.parametrize("diameter", DIAMETERS)
+@pytest.mark.opens("glb", "trimesh", "counted")
 def test_trimesh_reads_a_node_a_grain_from_glb_with_its_pose_and_y_up(poured, tmp_path, diameter):
     packing = sized(poured, diameter)
     scene = trimesh.load(written(packing, tmp_path, ".glb"))
@@ -236,6 +244,7 @@ def test_a_glb_file_is_laid_out_as_its_specification_says(fresh):
     ("unit", "length", "known_as"),
     [("millimeter", 1e-3, "MilliMeter"), ("meter", 1.0, "Meter"), ("micron", 1e-6, "MicroMeter")],
 )
+@pytest.mark.opens("3mf", "lib3mf", "counted", "weighed")
 def test_lib3mf_reads_every_grain_closed_and_in_the_unit_that_is_said(fresh, tmp_path, unit, length, known_as):
     path = written(fresh, tmp_path, ".3mf", unit=unit)
     model = lib3mf.get_wrapper().CreateModel()
@@ -262,6 +271,7 @@ def test_lib3mf_reads_every_grain_closed_and_in_the_unit_that_is_said(fresh, tmp
 
 @pytest.mark.client
 @pytest.mark.parametrize("diameter", DIAMETERS)
+@pytest.mark.opens("msh", "Gmsh", "counted", "weighed", "meshed")
 def test_gmsh_fills_every_grain_with_tetrahedra_of_its_volume(program, cells, tmp_path, diameter):
     gmsh = program("gmsh", "gmsh")
     packing = sized(shrink(carve(cells), porosity=0.5), diameter)
@@ -296,6 +306,16 @@ def test_gmsh_knows_a_group_a_grain_where_asked(program, cube, tmp_path):
     )  # fmt: skip
     assert "Error" not in done.stdout
     assert '3 1 "g000000"' in (tmp_path / "filled.msh").read_text()
+
+
+@pytest.mark.client
+@pytest.mark.opens("obj", "trimesh", "counted", "weighed")
+def test_trimesh_reads_a_closed_object_a_grain_from_obj(fresh, tmp_path):
+    [path] = exporters.write(fresh, tmp_path / "bed.obj")
+    mesh = trimesh.load(path, force="mesh")
+    assert mesh.is_watertight
+    assert mesh.body_count == len(fresh)
+    assert mesh.volume == pytest.approx(volumes(fresh.grains).sum(), rel=1e-6)
 
 
 @pytest.mark.client

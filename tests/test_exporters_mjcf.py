@@ -58,6 +58,7 @@ def test_a_fresh_packing_starts_without_a_contact_deeper_than_a_millionth_of_a_d
 
 @pytest.mark.client
 @pytest.mark.parametrize("diameter", [0.2e-3, 1e-3, 0.1])
+@pytest.mark.opens("mjcf", "MuJoCo", "counted", "stepped")
 def test_mujoco_steps_the_file_without_a_warning_at_any_grain_size(poured, diameter):
     import mujoco
 
@@ -95,7 +96,10 @@ def stepped(python, path, n_steps=2000):
     return json.loads(run.stdout)
 
 
-@pytest.fixture(params=[pytest.param("3.17", marks=pytest.mark.programs), "installed"])
+OLD = [pytest.mark.programs, pytest.mark.opens("mjcf", "MuJoCo 3.17", "counted", "weighed", "stepped")]
+
+
+@pytest.fixture(params=[pytest.param("3.17", marks=OLD), "installed"])
 def mujoco_python(request):
     """The Python of each MuJoCo that files are for."""
     return request.getfixturevalue("newton") if request.param == "3.17" else sys.executable
@@ -252,6 +256,7 @@ def test_world_vertices_in_mujoco_are_ours_although_its_compiler_recentres_meshe
 
 
 @pytest.mark.client
+@pytest.mark.opens("mjcf", "MuJoCo", "weighed")
 def test_mass_centre_and_inertia_agree_among_geometry_trimesh_and_mujoco(tilted, model_of_tilted):
     model, data = model_of_tilted
     units = mjcf.units(tilted)

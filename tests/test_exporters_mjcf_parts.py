@@ -1,6 +1,8 @@
 """MJCF as a part of another model: included, attached, beside a robot whose own numbers stay what they are."""
 
 import re
+import runpy
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -91,6 +93,7 @@ def test_a_prefix_that_no_name_can_begin_with_is_refused(fresh, prefix):
 
 
 @pytest.mark.client
+@pytest.mark.opens("mjcf", "MuJoCo", "part of another scene")
 def test_an_attached_bed_has_our_contacts_and_with_our_options_our_settings(fresh, tmp_path, capfd):
     import mujoco
 
@@ -143,3 +146,21 @@ def test_a_state_that_blows_up_is_kept_unless_told(fresh):
     flag = mujoco.mjtDisableBit.mjDSBL_AUTORESET
     assert mjcf.options_for(fresh)["disableflags"] & flag
     assert not mjcf.options_for(fresh, MjcfOptions(autoreset=True))["disableflags"] & flag
+
+
+@pytest.mark.slow
+@pytest.mark.client
+@pytest.mark.opens("mjcf", "MuJoCo", "part of another scene")
+def test_the_scoop_of_a_robot_in_si_bears_what_is_in_it():
+    import mujoco
+
+    arm = runpy.run_path(str(Path(__file__).parents[1] / "examples" / "arm.py"))
+    model = arm["scene_with"](arm["make_bed"](80))
+    data = mujoco.MjData(model)
+    force = arm["follow"](model, data)
+    grains = [b for b in range(model.nbody) if model.body(b).name.startswith("gravel_g")]
+    lifted = [b for b in grains if data.xpos[b, 2] > 0.06]
+    assert len(grains) == 80
+    assert len(lifted) > 5
+    assert not np.any(data.warning.number)
+    assert force / 9.81 - arm["SCOOP"] == pytest.approx(model.body_mass[lifted].sum(), rel=0.01)

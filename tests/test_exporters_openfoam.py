@@ -285,6 +285,7 @@ def test_openfoam_finds_the_surface_of_touching_grains_closed(contact, program, 
 
 
 @pytest.mark.client
+@pytest.mark.opens("openfoam", "OpenFOAM", "meshed", "stepped")
 def test_openfoam_runs_the_case_as_it_stands_and_finds_the_permeability_of_kozeny_and_carman(program, tmp_path):
     program("simpleFoam", "openfoam")
     domain = Domain.cube(0.01)

@@ -134,7 +134,13 @@ def rested(fresh):
 @pytest.mark.slow
 @pytest.mark.programs
 @pytest.mark.client
-@pytest.mark.parametrize("name", ["mjwarp", "newton"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param("mjwarp", marks=pytest.mark.opens("mjcf", "MuJoCo Warp", "counted", "stepped", "at rest")),
+        pytest.param("newton", marks=pytest.mark.opens("usd", "Newton", "at rest")),
+    ],
+)
 def test_two_hundred_steps_by_those_lines_leave_a_bed_at_rest(rested, tmp_path, newton, name):
     files = exporters.write(rested, tmp_path / "bed", program=name)
     lines = exporters.opening(rested, files[0], name)

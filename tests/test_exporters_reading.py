@@ -30,6 +30,9 @@ CORNERS = "0 0 0  1 0 0  0 1 0  0 0 1"
 TWO_MESHES = f"""<mujoco><asset><mesh name="t" vertex="{CORNERS}"/></asset><worldbody><body name="pair"><freejoint/>
 <geom type="mesh" mesh="t"/><geom type="mesh" mesh="t" pos="5 0 0"/></body></worldbody></mujoco>""".encode()
 TWO_SHAPES = b"""#usda 1.0
+(
+    metersPerUnit = 1
+)
 def Xform "pair" (prepend apiSchemas = ["PhysicsRigidBodyAPI"])
 {
     def Mesh "one"

@@ -94,6 +94,7 @@ def ask(module, script, *arguments):
 
 @WITH_DRAKE
 @pytest.mark.parametrize("diameter", SIZES)
+@pytest.mark.opens("sdf", "Drake", "counted", "weighed", "stepped")
 def test_drake_holds_every_grain_with_its_mass_and_inertia_and_steps_it_in_si(tmp_path, diameter):
     bed = replace(small_bed(diameter), links=None)
     bed = replace(bed, quaternions=random_quaternions(len(bed), np.random.default_rng(9)))
@@ -141,6 +142,7 @@ def test_drake_tells_overlap_where_there_is_some(tmp_path):
 
 @WITH_BULLET
 @pytest.mark.parametrize("diameter", SIZES)
+@pytest.mark.opens("sdf", "PyBullet", "counted", "weighed", "stepped")
 def test_pybullet_counts_weighs_and_steps_a_bed_of_any_size_in_grain_units(tmp_path, diameter):
     bed = small_bed(diameter)
     written(bed, tmp_path / "bed.sdf", units="grain")

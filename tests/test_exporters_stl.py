@@ -46,6 +46,7 @@ def is_closed(corners):
 @pytest.mark.client
 @pytest.mark.parametrize("binary", [True, False])
 @pytest.mark.parametrize("diameter", [0.2e-3, 1e-3, 0.1])
+@pytest.mark.opens("stl", "trimesh", "weighed")
 def test_trimesh_reads_a_closed_outward_surface_of_the_right_volume(fresh, binary, diameter):
     scaled = rescale(fresh, diameter / units(fresh).length)
     mesh = read(exporters.files(scaled, ".stl", binary=binary)["bed.stl"])

@@ -22,6 +22,7 @@ def touching(fresh):
 
 @pytest.mark.client
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+@pytest.mark.opens("grains", "pandas", "counted")
 def test_pandas_reads_a_row_a_grain_with_every_measure(fresh, tmp_path, suffix):
     [path] = exporters.write(fresh, tmp_path / f"grains{suffix}")
     frame = pd.read_csv(path) if suffix == ".csv" else pd.read_parquet(path)
@@ -32,6 +33,7 @@ def test_pandas_reads_a_row_a_grain_with_every_measure(fresh, tmp_path, suffix):
 
 
 @pytest.mark.client
+@pytest.mark.opens("contacts", "networkx", "counted")
 def test_networkx_reads_the_graph_with_the_gaps_that_the_search_found(fresh, tmp_path, touching):
     [path] = exporters.write(fresh, tmp_path / "who.graphml", within=touching, walls=True)
     graph = nx.read_graphml(path)

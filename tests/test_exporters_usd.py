@@ -89,6 +89,7 @@ def test_the_stage_says_its_units_its_axis_its_gravity_and_its_default_prim(stag
 
 
 @pytest.mark.client
+@pytest.mark.opens("usd", "OpenUSD", "counted", "weighed")
 def test_masses_centres_and_inertias_read_back_are_the_exact_ones(stage, tilted):
     from pxr import UsdPhysics
 
@@ -242,7 +243,8 @@ def test_grains_too_large_for_physx_are_written_and_named_in_the_log(tmp_path, c
 def test_grains_too_large_for_physx_are_refused_on_request(tmp_path):
     bed = row(drum(4), *[drum(40)] * 7)
     words = "7 of 8 grains are beyond that: 1, 2, 3, 4, 5 and 2 more; hulls='any' writes them all the same"
-    with pytest.raises(InputError, match=f"at most 64 vertices and 64 faces a hull on the GPU; {words}"):
+    limit = "at most 64 vertices and 64 faces a hull on the GPU, of at most 32 corners, and simplifies what has more"
+    with pytest.raises(InputError, match=f"{limit}; {words}"):
         exporters.write(bed, tmp_path / "bed.usdc", hulls="physx")
     save(bed, tmp_path / "bed.h5")
     command = ["export", str(tmp_path / "bed.h5"), str(tmp_path / "bed.usdc"), "--option", "hulls=physx"]
@@ -254,12 +256,30 @@ def test_grains_too_large_for_physx_are_refused_on_request(tmp_path):
 
 
 @pytest.mark.unit
+@pytest.mark.parametrize(("sides", "told"), [((1, 1, 0.02), False), ((1, 1, 0.009), True), ((150, 1, 1), True)])
+def test_rods_and_plates_that_physx_takes_no_hull_of_are_named(tmp_path, caplog, sides, told):
+    """Half the longest side over the least distance of the centre from a face is at most a hundred."""
+    cube = cube_packing([(0, 0, 0)])
+    plate = replace(cube, grains=replace(cube.grains, vertices=cube.grains.vertices * sides))
+    with caplog.at_level(logging.WARNING):
+        exporters.write(plate, tmp_path / "bed.usdc")
+    line = (
+        "PhysX takes no hull on the GPU that is more than 100 times as long as thick; 1 of 1 grains are beyond that: 0"
+    )
+    assert caplog.messages == ([line] if told else [])
+    if told:
+        with pytest.raises(InputError, match="more than 100 times as long as thick"):
+            exporters.write(plate, tmp_path / "bed.usdc", hulls="physx")
+
+
+@pytest.mark.unit
 def test_the_manifest_names_grains_too_large_for_physx(tmp_path):
     bed = row(drum(4), *[drum(40)] * 7)
     rows = json.loads(exporters.write(bed, tmp_path, formats=["usdc", "stl"])[-1].read_text())["formats"]
     assert rows[0]["report"] == {
-        "most_vertices_of_physx": 64, "most_faces_of_physx": 64,
+        "most_vertices_of_physx": 64, "most_faces_of_physx": 64, "most_corners_of_physx": 32,
         "n_grains_beyond": 7, "first_grains_beyond": [1, 2, 3, 4, 5],
+        "n_grains_oblong": 0, "first_grains_oblong": [],
     }  # fmt: skip
     rows = json.loads(exporters.write(row(drum(4)), tmp_path, formats=["usdc"])[-1].read_text())["formats"]
     assert (rows[0]["report"]["n_grains_beyond"], rows[0]["report"]["first_grains_beyond"]) == (0, [])
@@ -445,6 +465,7 @@ def in_newton(tilted, newton, tmp_path_factory):
 
 @pytest.mark.client
 @pytest.mark.parametrize("size", SIZES_IN_NEWTON)
+@pytest.mark.opens("usd", "Newton", "counted", "weighed", "stepped")
 def test_newton_loads_and_steps_the_bed_with_our_masses(in_newton, size):
     bed, found = in_newton[size]
     diameter, words = SIZES_IN_NEWTON[size]
@@ -466,6 +487,7 @@ def test_newton_loads_and_steps_the_bed_with_our_masses(in_newton, size):
 
 @pytest.mark.client
 @pytest.mark.parametrize("suffix", [".usda", ".usdc", ".usdz"])
+@pytest.mark.opens("usd", "NVIDIA's validator")
 def test_the_validator_of_nvidia_finds_no_issue(tilted, tmp_path, newton, suffix):
     [path] = exporters.write(tilted, tmp_path / f"bed{suffix}")
     # Text is slower than a crate, which is all that one of its rules says.
@@ -531,7 +553,7 @@ def test_a_record_of_other_grains_or_times_is_refused(tilted, motion, tmp_path):
     with pytest.raises(MissingFileError, match="no such file"):
         write_replay(tmp_path / "none.usdc", positions, turns, times)
     (tmp_path / "empty.usda").write_text("#usda 1.0\n")
-    with pytest.raises(FileFormatError, match="holds no grains below"):
+    with pytest.raises(FileFormatError, match="its default prim holds no Grains"):
         write_replay(tmp_path / "empty.usda", positions, turns, times)
     (tmp_path / "bed.replay.usdc").write_text("mine")
     with pytest.raises(WriteError, match="exists already"):

@@ -2,6 +2,7 @@
 
 import json
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +13,9 @@ from exporters import usd
 from exporters.units import units
 from exporters.usd import UsdOptions
 from grainsdem.dynamics import settle
-from grainsdem.errors import InputError
+from grainsdem.errors import FileFormatError, InputError
 from grainsdem.geometry.integrals import volumes
-from grainsdem.geometry.rotations import world_vertices
+from grainsdem.geometry.rotations import random_quaternions, world_vertices
 from grainsdem.packing import rescale
 
 STEPS = 1000
@@ -47,6 +48,7 @@ def foreign(fresh, tmp_path_factory):
 
 
 @pytest.mark.client
+@pytest.mark.opens("usd", "OpenUSD", "part of another scene")
 def test_in_a_stage_of_centimetres_with_y_up_places_and_masses_are_right_and_gravity_is_theirs(fresh, foreign):
     from pxr import Usd, UsdGeom, UsdPhysics
 
@@ -125,10 +127,14 @@ def test_a_root_that_is_no_identifier_is_refused(fresh, root):
 
 
 @pytest.fixture(scope="module")
-def resting(fresh, newton, tmp_path_factory):
+def settled(fresh):
+    return settle(fresh, friction=0.3, rng=1).packing
+
+
+@pytest.fixture(scope="module")
+def resting(settled, newton, tmp_path_factory):
     """The bed at rest in each size, and what became of it under each of Newton's solvers."""
     folder = tmp_path_factory.mktemp("resting")
-    settled = settle(fresh, friction=0.3, rng=1).packing
     tasks, beds = [], {}
     for name, (diameter, words) in BEDS.items():
         beds[name] = rescale(settled, diameter / units(settled).length)
@@ -148,7 +154,13 @@ def resting(fresh, newton, tmp_path_factory):
 @pytest.mark.slow
 @pytest.mark.programs
 @pytest.mark.client
-@pytest.mark.parametrize("solver", ["mujoco", "xpbd"])
+@pytest.mark.parametrize(
+    "solver",
+    [
+        pytest.param("mujoco", marks=pytest.mark.opens("usd", "Newton", "at rest")),
+        pytest.param("xpbd", marks=pytest.mark.opens("usd", "Newton, XPBD", "weighed", "stepped", "at rest")),
+    ],
+)
 @pytest.mark.parametrize("size", BEDS)
 def test_a_bed_at_rest_stays_at_rest_in_newton(resting, size, solver):
     bed, found = resting[size, solver]
@@ -162,3 +174,77 @@ def test_a_bed_at_rest_stays_at_rest_in_newton(resting, size, solver):
     # Ten units of time; without a stiffness of their own grains sank by a diameter.
     assert np.mean(found["moved"]) < 0.02 * d
     assert found["lowest"][1] > found["lowest"][0] - 0.01 * d
+
+
+@pytest.mark.slow
+@pytest.mark.programs
+@pytest.mark.client
+@pytest.mark.parametrize(("diameter", "words"), [(1e-3, "grain"), (0.1, "si")])
+@pytest.mark.opens("usd", "PhysX", "counted", "stepped", "at rest")
+def test_physx_opens_the_stage_and_a_bed_at_rest_stays_there(settled, physx, tmp_path, diameter, words):
+    bed = rescale(settled, diameter / units(settled).length)
+    [path] = exporters.write(bed, tmp_path / "bed.usdc", units=words)
+    step = 0.01 * np.sqrt(diameter / 9.81)
+    script = Path(__file__).with_name("physx_client.py")
+    command = [physx, str(script), str(path), str(step), "200", str(tmp_path / "found.json")]
+    run = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
+    assert (tmp_path / "found.json").is_file(), run.stderr
+    found = json.loads((tmp_path / "found.json").read_text())
+    length = usd.factors(bed, UsdOptions(units=words))["length"]
+    before, after = (np.array(found[key]) * length / diameter for key in ("before", "after"))
+    # Rows are in an order of its own.
+    ours = bed.positions / diameter
+    assert np.abs(before[np.lexsort(before.round(5).T)] - ours[np.lexsort(ours.round(5).T)]).max() < 1e-4
+    moved = np.linalg.norm(after - before, axis=1)
+    assert moved.mean() < 0.01
+    assert after[:, 2].min() > before[:, 2].min() - 0.02
+
+
+@pytest.mark.client
+@pytest.mark.parametrize("suffix", [".usdc", ".usda"])
+def test_assets_of_one_body_each_are_put_together_to_the_same_bed(fresh, tmp_path, suffix):
+    from pxr import Usd, UsdGeom, UsdPhysics, UsdShade, UsdValidation
+
+    bed = replace(fresh, quaternions=random_quaternions(len(fresh), np.random.default_rng(3)), links=None)
+    paths = exporters.write(bed, tmp_path / f"bed{suffix}", per_grain=True)
+    assert [path.relative_to(tmp_path).as_posix() for path in paths[:2]] == [f"bed{suffix}", "bed.grains/g000000.usdc"]
+    assert len(paths) == 1 + len(bed)
+    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
+    for path in (paths[0], paths[3]):
+        errors = UsdValidation.ValidationContext(validators).Validate(Usd.Stage.Open(str(path)))
+        assert [error.GetErrorAsString() for error in errors] == []
+    one = Usd.Stage.Open(str(paths[3]))
+    bodies = [prim for prim in one.Traverse() if prim.HasAPI(UsdPhysics.RigidBodyAPI)]
+    assert bodies == [one.GetDefaultPrim()]
+    stage = Usd.Stage.Open(str(paths[0]))
+    shape = stage.GetPrimAtPath("/World/Grains/g000002/shape")
+    material = UsdShade.MaterialBindingAPI(shape).GetDirectBinding("physics").GetMaterialPath()
+    assert str(material) == "/World/Grains/g000002/Grain"
+    pose = UsdGeom.XformCache().GetLocalToWorldTransform(stage.GetPrimAtPath("/World/Grains/g000002"))
+    assert np.allclose(pose.ExtractTranslation(), bed.positions[2], rtol=0, atol=1e-12)
+    alone, together = exporters.read(paths[0]), exporters.read(exporters.write(bed, tmp_path / "whole.usdc")[0])
+    assert np.array_equal(alone.grains.vertices, together.grains.vertices)
+    assert np.allclose(alone.positions, together.positions, rtol=1e-12)
+    assert np.array_equal(alone.densities, together.densities)
+
+
+@pytest.mark.unit
+def test_assets_do_not_go_into_a_package(fresh, tmp_path):
+    with pytest.raises(InputError, match=r"per_grain writes files beside the stage, which a .usdz cannot have: take"):
+        exporters.write(fresh, tmp_path / "bed.usdz", per_grain=True)
+
+
+@pytest.mark.unit
+@pytest.mark.parametrize(("length", "what"), [(1e14, "moments of inertia"), (1e-28, "moments of inertia")])
+def test_units_in_which_single_precision_holds_no_inertia_are_refused(fresh, length, what):
+    words = rf"{what} must be 1.2e-38 to 3.4e\+38 in units of {length}, since USD has them in single precision"
+    with pytest.raises(InputError, match=words):
+        exporters.files(fresh, ".usdc", units=length)
+
+
+@pytest.mark.client
+def test_a_stage_that_says_no_length_is_not_guessed_at(fresh, tmp_path):
+    [path] = exporters.write(fresh, tmp_path / "bed.usda")
+    path.write_text(path.read_text().replace("    metersPerUnit = 1\n", ""))
+    with pytest.raises(FileFormatError, match="says no metersPerUnit, which USD would take for centimetres: author it"):
+        exporters.read(path)

@@ -69,6 +69,7 @@ def yade(program, tmp_path):
     return run
 
 
+@pytest.mark.opens("yade", "Yade", "counted", "weighed", "stepped")
 def test_yade_holds_beds_of_any_size_and_steps_them_from_a_start_without_overlap(yade, tmp_path):
     # The last one in SI.
     cases = [(diameter, "grain") for diameter in SIZES] + [(SIZES[0], "si")]

@@ -61,7 +61,9 @@ def test_a_stage_is_read_from_its_own_folder_and_no_other(tmp_path):
     (tmp_path / "inner").mkdir()
     exporters.write(packing, tmp_path / "bed.usdc")
     exporters.write(packing, tmp_path / "inner" / "bed.usdc")
-    (tmp_path / "all.usda").write_text("#usda 1.0\n(\n    subLayers = [@./bed.usdc@, @inner/bed.usdc@]\n)\n")
+    (tmp_path / "all.usda").write_text(
+        "#usda 1.0\n(\n    metersPerUnit = 1\n    subLayers = [@./bed.usdc@, @inner/bed.usdc@]\n)\n"
+    )
     assert len(exporters.read(tmp_path / "all.usda")) == 1
     (tmp_path / "inner" / "out.usda").write_text("#usda 1.0\n(\n    subLayers = [@../bed.usdc@]\n)\n")
     with pytest.raises(FileFormatError, match=r"names '\.\./bed\.usdc', which is outside its folder and is not read"):

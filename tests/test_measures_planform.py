@@ -409,3 +409,8 @@ def test_the_command_line_photographs_a_bed(bed, tmp_path):
     assert "seen, by area" in shown.output
     assert call("planform", path, tmp_path / "b", "--light", 0, 0, 0).exit_code == 2
     assert not (tmp_path / "b").exists()
+
+
+def test_one_grain_has_no_spread_to_compare_and_nothing_warns(cube):
+    bias = planform_bias(planform_table(planform(cube, per_diameter=8), cube), cube)
+    assert np.isnan(bias["number_bias"][bias["statistic"] == "sd"]).all()

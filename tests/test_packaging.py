@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import os
 import re
 import subprocess
@@ -10,6 +11,8 @@ from itertools import chain
 from pathlib import Path
 
 import pytest
+from auditing import installed, judged
+from packaging.requirements import Requirement
 
 pytestmark = pytest.mark.packaging
 
@@ -75,6 +78,78 @@ def test_importing_grainsdem_loads_nothing_heavy(unpacked):
 def test_every_public_name_can_be_had(unpacked):
     code = "import grainsdem; [getattr(grainsdem, name) for name in grainsdem.__all__]; print(len(grainsdem.__all__))"
     assert int(python(code, unpacked).stdout) > 40
+
+
+def bill_of(site):
+    """Return the path of the bill of materials in an unpacked wheel."""
+    (path,) = site.glob("grainsdem-*.dist-info/sboms/*.cdx.json")
+    return path
+
+
+def test_the_wheel_has_a_bill_of_what_it_needs_in_the_versions_that_are_allowed(unpacked):
+    told = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    bill = json.loads(bill_of(unpacked).read_text(encoding="utf-8"))
+    ours = bill["metadata"]["component"]
+    assert (bill["bomFormat"], bill["specVersion"]) == ("CycloneDX", "1.7")
+    assert ours["name"] == "grainsdem"
+    assert ours["licenses"][0]["license"]["id"] == told["license"]
+    extras = [line for name in ("viz", "tables", "video", "images") for line in told["optional-dependencies"][name]]
+    scopes = dict.fromkeys(extras, "optional") | dict.fromkeys(told["dependencies"], "required")
+    found = {
+        one["name"]: (set(one["versionRange"].removeprefix("vers:pypi/").split("|")), one["scope"])
+        for one in bill["components"]
+    }
+    for need, scope in ((Requirement(line), scope) for line, scope in scopes.items()):
+        assert found[need.name] == ({str(part) for part in need.specifier}, scope)
+    assert set(bill["dependencies"][0]["dependsOn"]) == {one["bom-ref"] for one in bill["components"]}
+    # What the bill calls complete: nothing of others is in the wheel.
+    assert {path.name for path in unpacked.iterdir()} - {bill_of(unpacked).parents[1].name} == {
+        "grainsdem",
+        "exporters",
+    }
+
+
+SCHEMA = """
+import sys
+from pathlib import Path
+from cyclonedx.schema import SchemaVersion
+from cyclonedx.validation.json import JsonStrictValidator
+fault = JsonStrictValidator(SchemaVersion.V1_7).validate_str(Path(sys.argv[1]).read_text(encoding="utf-8"))
+sys.exit(fault and str(fault))
+"""
+
+
+@pytest.mark.client
+def test_the_bill_is_what_the_schema_of_its_format_allows(environment, unpacked):
+    python = environment("cyclonedx", "cyclonedx-python-lib[json-validation]>=11")
+    subprocess.run([python, "-c", SCHEMA, bill_of(unpacked)], check=True, capture_output=True, text=True)
+
+
+FLAW = {"id": "PYSEC-2026-1", "fix_versions": ["2.1"]}
+
+
+@pytest.mark.unit
+@pytest.mark.parametrize(
+    ("code", "answer", "words", "ok", "line"),
+    [
+        (0, [{"name": "a", "version": "2", "vulns": []}], "", True, "1 packages audited, 0 known vulnerabilities"),
+        (1, [{"name": "a", "version": "2", "vulns": [FLAW]}], "", False, "a 2: PYSEC-2026-1, mended in 2.1"),
+        (0, [{"name": "a", "skip_reason": "not found"}], "", True, "nothing was audited"),
+        (0, [{"name": "a", "skip_reason": ""}, {"name": "b", "version": "1", "vulns": []}], "", True, "not audited: a"),
+        (1, None, "Traceback\nrequests.exceptions.ConnectionError: no name", True, "nothing was audited"),
+        (2, None, "usage: pip-audit\nunknown option", False, "pip-audit gave no answer: unknown option"),
+    ],
+    ids=["clean", "known", "unknown", "partly", "unreachable", "broken"],
+)
+def test_what_is_known_against_a_dependency_fails_and_what_cannot_be_asked_is_said(code, answer, words, ok, line):
+    text = "" if answer is None else json.dumps({"dependencies": answer, "fixes": []})
+    found, lines = judged(code, text, words)
+    assert found == ok
+    assert lines[0].startswith(line)
+
+
+def test_what_is_audited_holds_all_that_is_needed_at_first_and_second_hand():
+    assert {"numpy", "numba", "llvmlite", "pillow", "pyarrow"} <= set(installed("grainsdem[all]"))
 
 
 OLDEST = """

@@ -37,6 +37,8 @@ def _arrays(path: Path) -> dict[str, NDArray[Any]]:
     unit_mass = _unit("kilogramsPerUnit", UsdPhysics.GetStageKilogramsPerUnit(stage))
     bodies = [prim for prim in stage.Traverse() if prim.HasAPI(UsdPhysics.RigidBodyAPI)]
     found = [(body, prim) for body in bodies for prim in Usd.PrimRange(body) if prim.IsA(UsdGeom.Mesh)]
+    if found and not UsdGeom.StageHasAuthoredMetersPerUnit(stage):
+        raise FileFormatError("says no metersPerUnit, which USD would take for centimetres: author it, 1 for metres")
     refuse_several(path, [str(body.GetPath()) for body, _ in found])
     cache = UsdGeom.XformCache()
     shapes, poses, masses, classes = [], [], [], []
@@ -59,19 +61,45 @@ def _arrays(path: Path) -> dict[str, NDArray[Any]]:
 
 
 def _refuse_foreign(path: Path) -> None:
-    """Raise `FileFormatError` where a layer names one that lies outside the folder of the file."""
+    """Raise `FileFormatError` where a layer names one that lies outside the folder of the file, or that is not told.
+
+    Textures and the like, which values of attributes name, are no layers: they are neither opened nor looked for.
+    """
     from pxr import Sdf, Usd  # noqa: F401  (formats of files are known once Usd is there)
 
     folder = path.resolve().parent
     waiting, seen = [str(path)], {str(path)}
     while waiting:
         layer = Sdf.Layer.FindOrOpen(waiting.pop())
-        for other in [] if layer is None else layer.GetCompositionAssetDependencies():
+        for other in [] if layer is None else [*layer.GetCompositionAssetDependencies(), *_clips(layer)]:
+            if other.startswith("`"):
+                raise FileFormatError(f"names {shown(other)}, an expression for a file, which is not read")
             place = layer.ComputeAbsolutePath(other)
             if "://" in other or not Path(place.partition("[")[0]).resolve().is_relative_to(folder):
                 raise FileFormatError(f"names {shown(other)}, which is outside its folder and is not read")
             waiting += {place} - seen
             seen.add(place)
+
+
+def _clips(layer: Any) -> list[str]:
+    """Return the files that the value clips of a layer name, or raise `FileFormatError` where a pattern names them."""
+    from pxr import Sdf
+
+    sets: list[Any] = []
+
+    def note(path: Any) -> None:
+        spec = layer.GetObjectAtPath(path)
+        if isinstance(spec, Sdf.PrimSpec) and spec.HasInfo("clips"):
+            sets.extend(spec.GetInfo("clips").values())
+
+    layer.Traverse(Sdf.Path.absoluteRootPath, note)
+    told = [one for one in sets if isinstance(one, dict)]
+    pattern = next((one["templateAssetPath"] for one in told if "templateAssetPath" in one), None)
+    if pattern is not None:
+        raise FileFormatError(f"names its clips by a pattern, {shown(pattern)}, which is not read")
+    values = [value for one in told for value in one.values()]
+    assets = [one for value in values for one in (value if isinstance(value, Sdf.AssetPathArray) else [value])]
+    return [one.path for one in assets if isinstance(one, Sdf.AssetPath) and one.path]
 
 
 def _words(error: Exception) -> str:
@@ -92,7 +120,7 @@ def _mass(body: Any) -> float:
     value = body.GetMassAttr().Get()
     if value is None:
         return 0.0
-    if not (np.isfinite(value) and value >= 0):
+    if not (isinstance(value, int | float) and np.isfinite(value) and value >= 0):
         raise FileFormatError(f"mass of {body.GetPath()} must be finite and zero or more; got {value}")
     return float(value)
 

@@ -56,6 +56,9 @@ class UsdOptions:
         its own, and nothing converts ours to its units and its axis.
     root : str
         Name of the prim that holds all, the stage's default prim.
+    per_grain : bool
+        Whether every grain is an asset in a file of its own, whose default prim is its one rigid body, and the stage
+        refers to them: for loaders that take one body an asset. They stand in the folder ``bed.grains``.
     hulls : {"any", "physx"}
         PhysX holds at most 64 vertices and 64 faces a hull on the GPU, and simplifies what has more. Such grains are
         written like all others, and named in the log and the manifest; or they are refused.
@@ -77,6 +80,7 @@ class UsdOptions:
     units: Units = "si"
     scene: bool = True
     root: str = "World"
+    per_grain: bool = False
     hulls: Literal["any", "physx"] = "any"
 
     def __post_init__(self) -> None:

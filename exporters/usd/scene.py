@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -31,6 +31,9 @@ if TYPE_CHECKING:
 
 # Thickness of the container's boxes in median diameters: nothing passes a wall in one step.
 _WALL_THICKNESS = 2.0
+
+PHYSX_ITERATIONS = 32
+"""Iterations of PhysX's solver for places: with the one that it takes by default beds sink."""
 
 CLASS = "primvars:grainClass"
 """Name of the primvar that holds the class of a grain, where grains have classes; materials may read it."""
@@ -112,16 +115,28 @@ class Bed:
 
 def world(bed: Bed) -> Prim:
     """Return the prim that holds all, ``/World`` by default."""
+    holder = bare_world(bed)
+    names = grain_names(bed.packing)
+    grains = Prim(name="Grains", kind="Xform", many=Many(names, _grain(bed, bed.made_of("Grain"))))
+    return replace(holder, children=(*holder.children, grains))
+
+
+def bare_world(bed: Bed) -> Prim:
+    """Return the prim that holds all but the grains: gravity, materials and the container."""
     parts = [_scene(bed), _materials(bed)] if bed.options.scene else [_materials(bed)]
     container = _container(bed)
     if container:
         parts.append(Prim(name="Container", kind="Xform", children=tuple(container)))
-    grains = Prim(
-        name="Grains",
-        kind="Xform",
-        many=Many(grain_names(bed.packing), _grain(bed)),
-    )
-    return Prim(name=bed.options.root, kind="Xform", model="component", children=(*parts, grains))
+    return Prim(name=bed.options.root, kind="Xform", model="component", children=tuple(parts))
+
+
+def asset(bed: Bed, name: str) -> Prim:
+    """Return a grain that stands alone, in its own frame: one rigid body, its hull, and its material."""
+    material = next(one for one in _materials(bed).children if one.name == "Grain")
+    body = _grain(bed, {"material:binding:physics": f"/{name}/Grain"})
+    kept = {key: value for key, value in body.attributes.items() if not key.startswith("xformOp")}
+    # What is pointed at comes first.
+    return replace(body, name=name, model="component", attributes=kept, children=(material, *body.children))
 
 
 def _scene(bed: Bed) -> Prim:
@@ -137,6 +152,13 @@ def _scene(bed: Bed) -> Prim:
         attributes |= {
             "newton:timeStepsPerSecond": Attribute("int", rate, is_fixed=True),
             "physxScene:timeStepsPerSecond": Attribute("uint", rate),
+            # Else grains of millimetres are asleep at once, in the air, and friction acts at a distance of many.
+            "physxScene:disableSleeping": Attribute("bool", 1, is_fixed=True),
+            "physxScene:frictionOffsetThreshold": Attribute("float", 0.04 * bed.diameter),
+            "physxScene:frictionCorrelationDistance": Attribute("float", 0.025 * bed.diameter),
+            "physxScene:solverType": Attribute("token", "PGS"),
+            "physxScene:minPositionIterationCount": Attribute("uint", PHYSX_ITERATIONS, is_fixed=True),
+            "physxScene:minVelocityIterationCount": Attribute("uint", 1, is_fixed=True),
             "mjc:option:timestep": Attribute("double", 1 / rate, is_fixed=True),
             "mjc:option:cone": Attribute("token", "elliptic"),
             "mjc:option:impratio": Attribute("double", IMPRATIO, is_fixed=True),
@@ -246,7 +268,7 @@ def _wall(bed: Bed, name: str, opacity: float, box: tuple[Any, Any, Any], materi
     })  # fmt: skip
 
 
-def _grain(bed: Bed) -> Prim:
+def _grain(bed: Bed, made_of: dict[str, str]) -> Prim:
     """Return the rigid body that every grain is, and its hull below it."""
     packing, integrals, scales = bed.packing, bed.integrals, bed.scales
     moments, axes = principal_inertia(integrals.inertias * (packing.densities / scales.inertia)[:, None, None])
@@ -261,10 +283,10 @@ def _grain(bed: Bed) -> Prim:
         "physics:centerOfMass": Attribute("point3f", Column.of(centres)),
         "physics:diagonalInertia": Attribute("float3", Column.of(moments)),
         "physics:principalAxes": Attribute("quatf", Column.of(axes)),
-    }, children=(_hull(bed),))  # fmt: skip
+    }, children=(_hull(bed, made_of),))  # fmt: skip
 
 
-def _hull(bed: Bed) -> Prim:
+def _hull(bed: Bed, made_of: dict[str, str]) -> Prim:
     """Return the mesh of a grain, which is its collider; its lists are cut from the flat arrays as they are written."""
     grains, length = bed.packing.grains, bed.scales.length
     vertices, faces = grains.vertex_offsets, grains.face_offsets
@@ -294,8 +316,7 @@ def _hull(bed: Bed) -> Prim:
     classes = bed.packing.classes
     own = {} if classes is None else {CLASS: Attribute("int", Column.of(classes), "constant")}
     # Bound on every collider: bindings are inherited, and not every program follows them.
-    binding = bed.made_of("Grain")
-    return Prim(name="shape", kind="Mesh", schemas=_HULL, targets=binding, attributes={
+    return Prim(name="shape", kind="Mesh", schemas=_HULL, targets=made_of, attributes={
         "points": Attribute("point3f[]", Column(points, np.diff(vertices))),
         "faceVertexCounts": Attribute("int[]", Column(counts, np.diff(faces))),
         "faceVertexIndices": Attribute("int[]", Column(indices, np.diff(corners))),

@@ -89,6 +89,7 @@ class Arrivals(NamedTuple):
 @inner
 def _bucket(x, y, z, level, size):  # type: ignore[no-untyped-def]
     """Scatter a cell over a table whose size is a power of two: no grid need be stored, however high the box gets."""
+    x, y, z = np.int64(x), np.int64(y), np.int64(z)  # not compiled, only these wrap below zero
     key = (np.uint64(x) * np.uint64(0x9E3779B97F4A7C15)) ^ np.uint64(level)
     key = (key ^ (key >> np.uint64(29)) ^ np.uint64(y)) * np.uint64(0xBF58476D1CE4E5B9)
     key = (key ^ (key >> np.uint64(32)) ^ np.uint64(z)) * np.uint64(0x94D049BB133111EB)

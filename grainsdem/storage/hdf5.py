@@ -195,4 +195,6 @@ def to_text(value: object) -> str:
 
 def _first_line(error: BaseException) -> str:
     text = str(error.args[0]) if isinstance(error, KeyError) and error.args else str(error)
+    if isinstance(error, OSError) and error.filename is not None:  # which is told beside it
+        text = error.strerror or text
     return text.splitlines()[0] if text else type(error).__name__

@@ -42,6 +42,20 @@ endfacet
 
 TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 
+CLIPS = """clips = {{
+        dictionary default = {{
+            {}
+            string primPath = "/g"
+            double2[] active = [(0, 0)]
+            double2[] times = [(0, 0)]
+        }}
+    }}"""
+
+PATTERN = """string templateAssetPath = "./clip.#.usda"
+            double templateStartTime = 0
+            double templateEndTime = 1e9
+            double templateStride = 0.001"""
+
 BODY = """#usda 1.0
 (
     {metadata}
@@ -199,6 +213,15 @@ def stages():
         },
         "foreign-sublayer": {"metadata": "subLayers = [@../../outside.usda@]"},
         "foreign-reference": {"references": "prepend references = @/etc/outside.usda@</x>"},
+        "foreign-payload": {"references": "prepend payload = @../../outside.usda@</x>"},
+        "foreign-by-name": {
+            "metadata": 'expressionVariables = { string where = "/etc/outside.usda" }\nsubLayers = [@`"${where}"`@]'
+        },
+        "foreign-clips": {"references": CLIPS.format("asset[] assetPaths = [@../../outside.usda@]")},
+        "foreign-manifest": {"references": CLIPS.format("asset manifestAssetPath = @../../outside.usda@")},
+        "endless-clips": {"references": CLIPS.format(PATTERN)},
+        "foreign-texture": {"mass": "asset inputs:file = @/etc/outside.png@"},
+        "mass-of-file": {"mass": "asset physics:mass = @./mass.txt@"},
         "unit-of-zero": {"metadata": "kilogramsPerUnit = 0"},
     }
     for name, change in changes.items():

@@ -52,6 +52,13 @@ def keep(model: Any, place: Path | None) -> None:
         place.parent.mkdir(parents=True, exist_ok=True)
         with replacing(place) as temporary:
             mujoco.mj_saveModel(model, str(temporary), None)
-        kept = sorted(place.parent.glob("*.mjb"), key=lambda path: path.stat().st_mtime)
-        for path in kept[:-MOST_MODELS]:
+        for path in _oldest(place):
             path.unlink(missing_ok=True)
+
+
+def _oldest(place: Path) -> list[Path]:
+    """Return the models beside the one just kept that are too many."""
+    times = {path: path.stat().st_mtime for path in place.parent.glob("*.mjb") if path != place}
+    now = place.stat().st_mtime
+    # What is of later than now was kept before the clock was set back: it would never become the oldest.
+    return sorted(times, key=lambda path: (times[path] <= now, times[path]))[: max(len(times) + 1 - MOST_MODELS, 0)]

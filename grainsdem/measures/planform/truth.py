@@ -159,8 +159,9 @@ def planform_bias(rows: NDArray[np.void], packing: Packing, *, least_pixels: int
     result["statistic"] = STATISTICS
     for name, (sizes, weights) in zip(SAMPLES, samples, strict=True):
         result[name] = _statistics(sizes, weights)
-    result["number_bias"] = result["apparent_by_number"] / result["bed_by_number"]
-    result["area_bias"] = result["apparent_by_area"] / result["bed_by_mass"]
+    with np.errstate(invalid="ignore", divide="ignore"):  # equal grains have no spread to compare with
+        result["number_bias"] = result["apparent_by_number"] / result["bed_by_number"]
+        result["area_bias"] = result["apparent_by_area"] / result["bed_by_mass"]
     return result
 
 

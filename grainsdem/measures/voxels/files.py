@@ -7,6 +7,7 @@ References
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -130,11 +131,12 @@ def write_voxels(
                 progress(written / lattice.shape[0])
 
     writers = {".npy": _write_npy, ".vti": _write_vti, ".nrrd": _write_nrrd, ".raw": _write_raw}
-    with replacing(target) as temporary:
-        writers.get(target.suffix.lower(), _write_tiff)(temporary, lattice, dtype, blocks())
-    if target.suffix.lower() == ".raw":
-        with replacing(target.with_suffix(".nhdr")) as temporary:
-            temporary.write_bytes(_nrrd_header(lattice, dtype, target.name))
+    with ExitStack() as besides:
+        if target.suffix.lower() == ".raw":  # which says nothing without its header
+            header = besides.enter_context(replacing(target.with_suffix(".nhdr")))
+            header.write_bytes(_nrrd_header(lattice, dtype, target.name))
+        with replacing(target) as temporary:
+            writers.get(target.suffix.lower(), _write_tiff)(temporary, lattice, dtype, blocks())
     solid, inside = tally.tolist()
     sx, sy, sz = lattice.spacing.tolist()
     share = 1 - solid / inside if inside else float("nan")
