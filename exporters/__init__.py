@@ -30,6 +30,8 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from exporters import manifest, programs
 from exporters.formats import FORMATS, Format, find, find_for, known
 from exporters.programs import PROGRAMS, opening
@@ -212,10 +214,20 @@ def _shared(found: Sequence[Found], options: Mapping[str, Any]) -> list[Any]:
         check_min_edge(options["min_edge"])
     names = [_names(one) for one in found]
     parts = _parted(found, options)
+    for one, part in zip(found, parts, strict=True):
+        _check_switches(one, part)
     return [
         one.module.Options(**{key: value for key, value in part.items() if key in own})
         for one, own, part in zip(found, names, parts, strict=True)
     ]
+
+
+def _check_switches(one: Found, given: Mapping[str, Any]) -> None:
+    """Raise `InputError` where an option that is on or off is neither: any word would be on."""
+    for field in fields(one.module.Options):
+        value = given.get(field.name, False)
+        if field.type in {"bool", bool} and not isinstance(value, (bool, np.bool_)):
+            raise InputError(f"{field.name} of {one.suffix or one.name} must be true or false; got {value!r}")
 
 
 def _names(one: Found) -> list[str]:

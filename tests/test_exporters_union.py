@@ -152,5 +152,6 @@ def test_what_has_few_corners_or_would_be_flat_is_drawn_as_it_is():
     both = polyhedra(*(shape.vertices for shape in (tent, cube)))
     left = fewer_corners(both, 6)
     assert np.diff(left.vertex_offsets).tolist() == [21, 6]
-    with pytest.raises(InputError, match="lod, the most corners of a grain, must be at least 6; got 5"):
-        exporters.files(cube_packing([[5.0, 5, 5]]), ".glb", lod=5)
+    for wrong in (5, 8.5, True, "x", np.nan):
+        with pytest.raises(InputError, match="lod, the most corners of a grain, must be a whole number from 6; got"):
+            exporters.files(cube_packing([[5.0, 5, 5]]), ".glb", lod=wrong)

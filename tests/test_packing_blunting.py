@@ -132,6 +132,10 @@ def test_a_length_out_of_range_is_refused(min_edge, tmp_path):
     packing = bed("box")
     with pytest.raises(InputError, match=r"above 0 and at most 0\.2 diameters"):
         merge_edges(packing, min_edge)
+    for word in ("obj", "lammps"):
+        for wrong in (min_edge, "x", True):
+            with pytest.raises(InputError, match=r"above 0 and at most 0\.2 diameters"):
+                exporters.options_for([word], {"min_edge": wrong})
     for file in ("bed.obj", "bed.conf"):
         with pytest.raises(InputError, match=r"above 0 and at most 0\.2 diameters"):
             exporters.write(packing, tmp_path / file, min_edge=min_edge)

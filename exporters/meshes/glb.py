@@ -66,7 +66,7 @@ class GlbOptions:
     Raises
     ------
     InputError
-        If there are to be fewer than 6 corners.
+        If ``lod`` is no whole number of 6 or more.
     """
 
     colours: bool = True
@@ -74,8 +74,11 @@ class GlbOptions:
     merge: bool = False
 
     def __post_init__(self) -> None:
-        if self.lod is not None and not self.lod >= FEWEST:
-            raise InputError(f"lod, the most corners of a grain, must be at least {FEWEST}; got {self.lod}")
+        is_whole = isinstance(self.lod, (int, np.integer)) and not isinstance(self.lod, bool)
+        if self.lod is not None and not (is_whole and self.lod >= FEWEST):
+            raise InputError(
+                f"lod, the most corners of a grain, must be a whole number from {FEWEST}; got {self.lod!r}"
+            )
 
 
 Options = GlbOptions

@@ -106,8 +106,9 @@ def merge_edges(packing: Packing, min_edge: float) -> Merged:
 
 def check_min_edge(min_edge: float) -> None:
     """Raise `InputError` unless an edge may be called short."""
-    if not 0 < min_edge <= MOST:
-        raise InputError(f"min_edge must be above 0 and at most {MOST:g} diameters; got {min_edge}")
+    is_number = isinstance(min_edge, (int, float, np.number)) and not isinstance(min_edge, bool)
+    if not (is_number and 0 < min_edge <= MOST):
+        raise InputError(f"min_edge must be above 0 and at most {MOST:g} diameters; got {min_edge!r}")
 
 
 def refuse_gone(is_gone: np.ndarray[tuple[int], np.dtype[np.bool_]], min_edge: float) -> None:
