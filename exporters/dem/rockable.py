@@ -105,11 +105,11 @@ def files(
     check_word(name)
     options = options or SkinOptions()
     sizes = bodies(packing)
-    found = skin(packing, sizes, options.rounding)
+    found = skin(packing, sizes, options)
     container = walls(packing, world_bounds(packing), options.walls)
     return {
         f"{name}{suffix}": _configuration(packing, sizes, found, container, name=name, options=options),
-        f"{name}.shp": _library(packing, sizes, found, container, rounding=options.rounding),
+        f"{name}.shp": _library(packing, sizes, found, container, options=options),
     }
 
 
@@ -186,10 +186,12 @@ def _bodies(names: list[str], groups: list[int], centres: Floats, quaternions: F
     return "".join([f"{name} {group} 0 1 {at} {still} {turn} {still}\n" for name, group, at, turn in rows]).encode()
 
 
-def _library(packing: Packing, sizes: Bodies, found: Skin, container: Walls, *, rounding: float) -> Iterator[bytes]:
+def _library(
+    packing: Packing, sizes: Bodies, found: Skin, container: Walls, *, options: SkinOptions
+) -> Iterator[bytes]:
     """Yield the shapes: the grains, then the walls as plates with one face."""
     yield b"# sphero-polyhedra in SI, each about its centre of mass and along its principal axes\n"
-    for rows, mine, one in rounded_parts(packing, sizes, rounding):
+    for rows, mine, one in rounded_parts(packing, sizes, options):
         yield _shapes(rows.start, mine, one, float(packing.densities[0]))
     radius = _plate_radius(found)
     for name, (a, b) in zip(container.names, container.halves.tolist(), strict=True):
