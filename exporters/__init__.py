@@ -17,24 +17,27 @@ A module of a format holds
 ``report(packing, options)``, where writing changes the grains
     Returns what it did to them, as JSON values for the manifest.
 
+Options that all formats have (`SHARED`) are done before: ``min_edge`` gives each the grains of `grainsdem.merge_edges`.
+What puts a skin around grains has a field of that name besides, for the cores.
+
 Other distributions add formats through entry points of the group ``grainsdem.exporters``: the name of the format, and a
 module as above with ``SUFFIXES`` besides, a tuple, empty for a format that is a folder.
 """
 
 from __future__ import annotations
 
-from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from exporters import manifest, programs
-from exporters.formats import FORMATS, Format, find, find_for, known
+from exporters.formats import FORMATS, SHARED, Format, find, find_for, known, parted, shared
 from exporters.programs import PROGRAMS, opening
 from exporters.reading import READERS, read, rounding
 from exporters.replays import replay
 from grainsdem.atomic import write_all
 from grainsdem.errors import InputError, RefusedError
 from grainsdem.gate import gated
+from grainsdem.packing import merge_edges
 
 if TYPE_CHECKING:
     import os
@@ -45,8 +48,8 @@ if TYPE_CHECKING:
     from grainsdem.model import Packing
 
 __all__ = [
-    "FORMATS", "PROGRAMS", "READERS", "Format", "files", "find", "known", "module_for", "opening", "options_for",
-    "read", "replay", "rounding", "write",
+    "FORMATS", "PROGRAMS", "READERS", "SHARED", "Format", "files", "find", "known", "module_for", "opening",
+    "options_for", "read", "replay", "rounding", "write",
 ]  # fmt: skip
 
 
@@ -60,6 +63,7 @@ def write(
     program: str | None = None,
     name: str = "bed",
     overwrite: bool = True,
+    min_edge: float | None = None,
     **options: Any,
 ) -> list[Path]:
     """Write a packing: one file whose suffix picks the format, or a folder with many formats and a manifest.
@@ -82,6 +86,9 @@ def write(
         Name of the files in a folder, without suffix.
     overwrite : bool
         Whether files that exist are replaced.
+    min_edge : float, optional
+        Shortest edge of a grain, in its diameters: shorter ones are merged before (`grainsdem.merge_edges`), in every
+        format alike. The manifest says under ``provenance`` what that took.
     **options
         Fields of the format's options, `exporters.mjcf.MjcfOptions` for one; with many formats each gets those that it
         has.
@@ -109,11 +116,12 @@ def write(
         wanted = programs.program(program)
         path, format = programs.path_for(path, wanted, program), wanted.format  # noqa: A001
         options = {**wanted.options, **options}
+    packing, options = _prepared(packing, min_edge, options)
     if formats is None:
         found = find_for(path, format)
         return write_all(path.parent, _content(packing, found, path.stem, options), overwrite=overwrite)
     several = [find(word) for word in ([formats] if isinstance(formats, str) else formats)]
-    content, refused = manifest.together(packing, several, name, _shared(several, options))
+    content, refused = manifest.together(packing, several, name, shared(several, options))
     written = write_all(path, content, overwrite=overwrite, make_folder=True)
     if refused:
         raise RefusedError(refused, written)
@@ -126,6 +134,7 @@ def files(
     suffix: str,
     *,
     name: str = "bed",
+    min_edge: float | None = None,
     **options: Any,
 ) -> dict[str, bytes]:
     """Return what `write` would write: file name to bytes.
@@ -138,14 +147,15 @@ def files(
         Format, as a suffix (``".usda"``) or a name (``"usd"``).
     name : str
         Name of the files without suffix.
-    **options
-        Fields of the format's options.
+    min_edge, **options
+        As of `write`.
 
     Raises
     ------
     InputError
         As `write`.
     """
+    packing, options = _prepared(packing, min_edge, options)
     written = _content(packing, find(suffix), name, options)
     return {file: part if isinstance(part, bytes) else b"".join(part) for file, part in written.items()}
 
@@ -156,9 +166,16 @@ def module_for(suffix: str) -> ModuleType:
     return find(suffix).module
 
 
+def _prepared(packing: Packing, min_edge: float | None, options: dict[str, Any]) -> tuple[Packing, dict[str, Any]]:
+    """Return the grains as every format gets them, and the options with those that all have."""
+    if min_edge is None:
+        return packing, options
+    return merge_edges(packing, min_edge).packing, {**options, "min_edge": min_edge}
+
+
 def _content(packing: Packing, found: Found, name: str, options: dict[str, Any]) -> dict[str, Any]:
     """Return the files of one format, all of whose options must be known."""
-    [chosen] = _shared([found], options)
+    [chosen] = shared([found], options)
     content: dict[str, Any] = found.module.files(packing, name=name, suffix=found.suffix, options=chosen)
     return content
 
@@ -180,22 +197,5 @@ def options_for(words: Sequence[str], options: Mapping[str, Any]) -> list[dict[s
         If a format or an option is unknown, or an option is out of range.
     """
     found = [find(word) for word in words]
-    _shared(found, options)
-    return _parted(found, options)
-
-
-def _shared(found: Sequence[Found], options: Mapping[str, Any]) -> list[Any]:
-    """Return the options of each format: those of the given that it has."""
-    parts = _parted(found, options)
-    return [one.module.Options(**part) for one, part in zip(found, parts, strict=True)]
-
-
-def _parted(found: Sequence[Found], options: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return which of the given options each format has; all must be known."""
-    known_to = [{field.name for field in fields(one.module.Options)} for one in found]
-    unknown = [option for option in options if not any(option in names for names in known_to)]
-    if unknown:
-        names = dict.fromkeys(field.name for one in found for field in fields(one.module.Options))
-        formats = ", ".join(one.suffix or one.name for one in found) or "no format"
-        raise InputError(f"{formats} has no option {', '.join(unknown)}; it has {', '.join(names)}")
-    return [{key: value for key, value in options.items() if key in names} for names in known_to]
+    shared(found, options)
+    return parted(found, options)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
 import re
+import sys
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -95,8 +95,8 @@ def class_texts(packing: Packing, pattern: str) -> list[str]:
 def check_positive(name: str, value: float, *, or_zero: bool = False) -> None:
     """Raise `InputError` unless ``value`` is a finite number above zero (or zero)."""
     is_number = isinstance(value, (int, float, np.number))
-    if not (is_number and math.isfinite(value) and (value > 0 or (or_zero and value == 0))):
-        raise InputError(f"{name} must be {'zero or more' if or_zero else 'positive'} and finite; got {value!r}")
+    if not (is_number and value <= sys.float_info.max and (value > 0 or (or_zero and value == 0))):
+        raise InputError(f"{name} must be {'zero or more' if or_zero else 'positive'} and finite; got {shown(value)}")
 
 
 def checked_coefficients(name: str, given: float | Mapping[str, float] | str | None) -> Any:
@@ -104,8 +104,8 @@ def checked_coefficients(name: str, given: float | Mapping[str, float] | str | N
     try:
         return coefficients(given)
     except ValueError as error:
-        shown = "" if isinstance(given, Mapping) else f"; got {given!r}"
-        raise InputError(f"{name} {error}{shown}") from None
+        got = "" if isinstance(given, Mapping) else f"; got {shown(given)}"
+        raise InputError(f"{name} {error}{got}") from None
 
 
 def check_prefix(prefix: str) -> None:

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from exporters.formats import FORMATS, find
+from exporters.formats import FORMATS, find, shared
 from exporters.rest import time_step
 from grainsdem.errors import InputError, shown
+from grainsdem.gate import gated
 from grainsdem.geometry.integrals import volumes
 from grainsdem.roots import cube_roots
 
@@ -137,6 +138,7 @@ def path_for(path: Path, wanted: Program, name: str) -> Path:
     return path.with_suffix(wanted.suffix)
 
 
+@gated
 def opening(packing: Packing, path: str | Path, name: str, options: Mapping[str, Any] | None = None) -> list[str]:
     """Return the lines that open a file in the program that it was written for.
 
@@ -157,8 +159,8 @@ def opening(packing: Packing, path: str | Path, name: str, options: Mapping[str,
         If there is no such program.
     """
     wanted, path = program(name), Path(path)
-    module = find(wanted.format).module
-    made_with = module.Options(**{**wanted.options, **(options or {})})
+    found = find(wanted.format)
+    module, made_with = found.module, shared([found], {**wanted.options, **(options or {})})[0]
     factors = {"length": 1.0, "time": 1.0}
     if hasattr(module, "factors"):
         factors |= module.factors(packing, made_with)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Mapping
 from typing import Annotated, Any, TypeVar
 
@@ -52,7 +53,7 @@ def _read(text: str) -> float | dict[str, float]:
 
 
 def _is_coefficient(value: object) -> bool:
-    return is_number(value) and 0 <= value < math.inf  # type: ignore[operator]
+    return is_number(value) and 0 <= value <= sys.float_info.max  # type: ignore[operator]
 
 
 Coefficient = Annotated[float, Field(ge=0)]

@@ -1,10 +1,12 @@
 """Commands killed at random moments: what is on disk is whole or absent, and what goes on ends in the same bits.
 
-``python tests/crashing.py 50`` kills each of them fifty times and prints how often, and what was found.
+``python tests/crashing.py 50`` kills each of them fifty times and prints how often, and what was found; with names,
+those alone; with ``--stop TERM`` or ``INT`` they are told to end, which they do with one line and nothing half made.
 """
 
 from __future__ import annotations
 
+import argparse
 import collections
 import contextlib
 import csv
@@ -15,12 +17,13 @@ import signal
 import sys
 import tempfile
 import time
+import traceback
 from pathlib import Path
 from typing import NamedTuple
 
 import fuzzing_commands
 
-from grainsdem.cli import main
+from grainsdem.__main__ import main
 
 RECIPE = (
     fuzzing_commands.RECIPE.replace("formats = []", 'formats = ["xml", "stl"]')
@@ -30,6 +33,14 @@ max_time = 0.05
 overlap = 0.1
 """
 )
+
+
+STOPS = {
+    signal.SIGKILL: (-signal.SIGKILL,),
+    signal.SIGTERM: (143, -signal.SIGTERM),
+    signal.SIGINT: (130, -signal.SIGINT),
+}
+"""How commands end that are stopped; by the signal itself where they had not begun."""
 
 
 class Job(NamedTuple):
@@ -91,6 +102,9 @@ def start(words, work):
         main()
     except SystemExit as ended:
         status = ended.code if isinstance(ended.code, int) else 1
+    except BaseException:  # noqa: BLE001  (it is told as Python tells it)
+        traceback.print_exc()
+        sys.stderr.flush()
     finally:
         os._exit(status)
 
@@ -132,16 +146,31 @@ def look(job, work, whole):
     return None
 
 
-def killed(job, work, whole, duration, rng, row):
+def ill_ended(ended, stop, work):
+    """Return what is wrong with how a command ended that was told to, or nothing."""
+    if stop is signal.SIGKILL or ended == 0:
+        return None
+    told = (work.parent / "told.txt").read_text()
+    if ended not in STOPS[stop]:
+        return f"ended with {ended}: {told[-800:]}"
+    lines = [line for line in told.splitlines() if not line.startswith(("warning: ", "compiling kernels"))]
+    if len(lines) > 1:
+        return f"told in {len(lines)} lines: {' / '.join(lines)[-900:]}"
+    left = [str(path.relative_to(work)) for path in work.rglob(".*")]
+    return f"left at once: {', '.join(left)}" if left else None
+
+
+def killed(job, work, whole, duration, rng, row, stop):
     """Kill a job at random moments, look at what it left, let it go on, and return what was wrong, or nothing."""
     words = job.words
     for _ in range(job.kills):
         child = start(words, work)
         time.sleep(duration * rng.random())
         with contextlib.suppress(ProcessLookupError):
-            os.kill(child, signal.SIGKILL)
-        row["killed" if end(child) == -signal.SIGKILL else "had ended"] += 1
-        wrong = look(job, work, whole)
+            os.kill(child, stop)
+        ended = end(child)
+        row["killed" if ended in STOPS[stop] else "had ended"] += 1
+        wrong = look(job, work, whole) or ill_ended(ended, stop, work)
         if wrong:
             return wrong
         words = job.again
@@ -156,7 +185,7 @@ def killed(job, work, whole, duration, rng, row):
     return f"left: {', '.join(left)}" if left else None
 
 
-def crashed(n, names=()):
+def crashed(n, names=(), stop=signal.SIGKILL):
     """Kill every job n times and return the counts by its name; what was wrong is in ``wrong``."""
     found = {}
     with tempfile.TemporaryDirectory() as place:
@@ -180,7 +209,7 @@ def crashed(n, names=()):
             for _ in range(n):
                 shutil.rmtree(work)
                 work.mkdir()
-                wrong = killed(job, work, whole, duration, rng, row)
+                wrong = killed(job, work, whole, duration, rng, row, stop)
                 row["tried"] += 1
                 if wrong:
                     row[f"wrong: {wrong}"] += 1
@@ -189,4 +218,9 @@ def crashed(n, names=()):
 
 
 if __name__ == "__main__":
-    crashed(int(sys.argv[1]) if len(sys.argv) > 1 else 50, sys.argv[2:])
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("times", type=int, nargs="?", default=50)
+    parser.add_argument("names", nargs="*")
+    parser.add_argument("--stop", choices=("KILL", "TERM", "INT"), default="KILL")
+    given = parser.parse_args()
+    crashed(given.times, given.names, signal.Signals[f"SIG{given.stop}"])

@@ -7,18 +7,22 @@ from __future__ import annotations
 
 import collections
 import contextlib
+import dataclasses
 import inspect
 import io
 import os
+import re
 import signal
 import sys
 import tempfile
+import time
 import types
 import warnings
 from functools import cache
 from pathlib import Path
 
 import numpy as np
+from scipy import stats
 
 import exporters
 import grainsdem as gd
@@ -172,6 +176,30 @@ def pool(folder):
         "forms": gd.Forms(elongation=0.7),
         "pictures": [np.zeros((4, 4))],
         "layers": [gd.Layer(gd.Grading([1e-3, 2e-3], [0.0, 1.0]))],
+        "gd.placed_cells.size": lambda x, *_: np.full(len(x), 1e-3),
+        "gd.Domain.hopper.top": [2e-3, 2e-3],
+        "gd.Domain.hopper.bottom": [1e-3, 1e-3],
+        "gd.Metric.along.ratios": (0.7, 0.7),
+        "gd.CameraLens.of.view": view,
+        "gd.CameraLens.of.distortion": [0.01, 0.0],
+        "lens": gd.CameraLens(0.01, 0.0, (8, 8)),
+        "lengths": [3e-3, 3e-3],
+        "gd.Domain.box.lengths": [3e-3, 3e-3, 3e-3],
+        "openings": [1e-3, 2e-3, 4e-3],
+        "passing": [10.0, 50.0, 100.0],
+        "retained": [1.0, 2.0, 0.0],
+        "distribution": stats.lognorm(0.3, scale=1e-3),
+        "law": gd.LogHyperbolic(2.0, 0.5, 0.3, -7.0),
+        "metric": gd.Metric(np.eye(3)),
+        "sheet": gd.SieveSheet.from_passing([1e-3, 2e-3], [10.0, 90.0]),
+        "grade": gd.points.Grade(2.0),
+        "kernel": gd.SectionKernel.ball(),
+        "ellipse": gd.Lens((1.0, 1.0, 1.0), (1.0, 1.0, 1.0)),
+        "links": packing.links,
+        "report": gd.validate(packing),
+        "gd.recipe.varied.changes": {"seeds.count": 8},
+        "gd.survey.means.table": gd.table(packing),
+        "gd.widths.direction": [0.0, 0.0, 1.0],
         "experiment": gd.tilt,
         "friction": 0.5,
         "tell": print,
@@ -181,6 +209,7 @@ def pool(folder):
         "gd.load.path": bed,
         "gd.load_moved.path": bed,
         "exporters.read.path": bed,
+        "exporters.opening.name": "yade",
     }
 
 
@@ -222,6 +251,11 @@ def constructors():
 def valid(name, function, folder):
     """Return arguments by name that a function should take, as far as the pool has them."""
     from_pool = pool(folder)
+    alike = next(
+        (one for one in from_pool.values() if type(one) is function and dataclasses.is_dataclass(function)), None
+    )
+    if alike is not None:
+        return {field.name: getattr(alike, field.name) for field in dataclasses.fields(alike) if field.init}
     given = {}
     for parameter in inspect.signature(function).parameters.values():
         if parameter.default is not parameter.empty or parameter.kind in (
@@ -235,6 +269,13 @@ def valid(name, function, folder):
                 given[parameter.name] = from_pool[key]
                 break
     return given
+
+
+def lacking(function, given):
+    """Return the arguments that a call lacks."""
+    found = inspect.signature(function).parameters.values()
+    needed = [one for one in found if one.kind not in (one.VAR_KEYWORD, one.VAR_POSITIONAL)]
+    return [one.name for one in needed if one.default is one.empty and one.name not in given]
 
 
 class HungError(Exception):
@@ -292,13 +333,15 @@ PATIENT = {"None", "true", "function", "class"}
 """Kinds that some of their arguments take."""
 
 
-def tried(folder, words):
+def tried(folder, words, found=None):
     """Yield the name, the argument, the value and what was wrong, or nothing, of every call."""
-    for name, function in {**functions(), **constructors()}.items():
+    for name, function in (found or {**functions(), **constructors()}).items():
         if words and not any(word in name for word in words):
             continue
         is_long = name in LONG or name.rpartition(".")[2] in LONG
         right = valid(name, function, folder)
+        if inspect.isclass(function) and lacking(function, right):  # made by functions, by nobody else
+            continue
         for argument in inspect.signature(function).parameters.values():
             if argument.kind in (argument.VAR_KEYWORD, argument.VAR_POSITIONAL):
                 continue
@@ -314,11 +357,37 @@ def tried(folder, words):
                 yield name, argument.name, word, outcome(function, {**right, argument.name: value})
 
 
+FAULTS = {
+    "traceback": "",
+    "crash": "ended the process",
+    "hang": "hung |took ",
+    "bare error": "",
+    "several lines": r"\w+ of \d+ lines",
+    "warning from below": "a warning|printed ",
+    "left-over": "left-over",
+    "right call refused": "",
+}
+"""Columns of the table, and how words for what was wrong begin."""
+
+
+def sort_of(wrong):
+    """Return the column for what was wrong: where no other is meant, an error of another's kind."""
+    return next((sort for sort, begin in FAULTS.items() if begin and re.match(begin, wrong)), "bare error")
+
+
+def tell(rows):
+    """Print a table with a row of counts for each door."""
+    print("| door | tried | " + " | ".join(FAULTS) + " |")  # noqa: T201
+    print("|---" * (len(FAULTS) + 2) + "|")  # noqa: T201
+    for door, row in rows.items():
+        print(f"| {door} | {row['tried']} | " + " | ".join(str(row[sort]) for sort in FAULTS) + " |")  # noqa: T201
+
+
 def main():
     """Print what was wrong, call by call, and how many calls there were of each kind."""
     folder = tempfile.mkdtemp()
     os.chdir(folder)
-    found, n = collections.Counter(), 0
+    row, n, begun = collections.Counter(), 0, time.monotonic()
     before = ""
     for name, argument, word, wrong in tried(folder, sys.argv[1:]):
         n += 1
@@ -326,9 +395,13 @@ def main():
             print(f"{n} calls before {name}", file=sys.stderr, flush=True)  # noqa: T201
             before = name
         if wrong:
-            found[wrong.partition(":")[0]] += 1
+            row[sort_of(wrong)] += 1
             print(f"{name} | {argument} = {word} | {wrong}", flush=True)  # noqa: T201  (what it is run for)
-    print(f"{n} calls, {found.total()} of them wrong: {dict(found)}")  # noqa: T201
+    hidden = [path.name for path in Path(folder).rglob(".*")]
+    if hidden:
+        print(f"left-over: {', '.join(hidden)}")  # noqa: T201
+    print(f"{n} calls in {time.monotonic() - begun:.0f} s")  # noqa: T201
+    tell({"functions": row + collections.Counter({"tried": n, "left-over": len(hidden)})})
 
 
 if __name__ == "__main__":

@@ -1,17 +1,19 @@
 """Commands and recipes with values that they cannot take, from their own options and keys: new ones are covered.
 
 ``python tests/fuzzing_commands.py`` tries them all and prints what was wrong and a table; with words, commands of those
-names, or keys of recipes that hold one; with a number, so many of each door. Each call has a process and an empty
-folder of its own.
+names, or keys of recipes that hold one; with a number, so many of each door; with ``--every 5 --first 2`` each fifth
+case from the third on. Each call has a process and an empty folder of its own.
 """
 
 from __future__ import annotations
 
+import argparse
 import collections
 import contextlib
 import importlib
 import inspect
 import json
+import math
 import os
 import random
 import re
@@ -19,23 +21,27 @@ import signal
 import sys
 import tempfile
 import time
-from itertools import chain
+from itertools import chain, islice
 from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
 
-from fuzzing import outcome
+from fuzzing import outcome, sort_of, tell
 from pydantic import BaseModel
 from typer.main import get_command
 
 import grainsdem as gd
-from grainsdem.cli import app, main
+from grainsdem.__main__ import main
+from grainsdem.cli import app
 from grainsdem.cli.guard import Written
 from grainsdem.recipe.experiments.tables import experiment_tables
 from grainsdem.recipe.tables import VIEWS, recipe_model
 
 PATIENCE = 20
-"""Seconds after which a call counts as hung."""
+"""Seconds after which a call counts as hung, if it had a processor for so long."""
+
+LONGEST = 60
+"""Seconds after which a call counts as hung even if others had the processors."""
 
 NUMBERS = (
     "", "abc", "nan", "inf", "-inf", "-1", "0", "0.5", "1e-308", "1e308", "-1e308", "1e-9", "1e9", "10000000",
@@ -469,9 +475,9 @@ def called(case, folder, work):
 
 def waited(child):
     """Return the exit status of a child, negative for a signal, or None where it hung and was ended."""
-    deadline = time.monotonic() + PATIENCE
+    begun = time.monotonic()
     pause = 0.002
-    while time.monotonic() < deadline:
+    while (waits := time.monotonic() - begun) < LONGEST and min(waits, worked(child)) < PATIENCE:
         ended, status = os.waitpid(child, os.WNOHANG)
         if ended:
             return os.waitstatus_to_exitcode(status)
@@ -481,6 +487,15 @@ def waited(child):
         os.killpg(child, signal.SIGKILL)
     os.waitpid(child, 0)
     return None
+
+
+def worked(child):
+    """Return the seconds that a process has had a processor for; without end where the system does not tell."""
+    try:
+        spent = Path(f"/proc/{child}/stat").read_text().rpartition(")")[2].split()[11:13]
+    except OSError:
+        return math.inf
+    return sum(map(int, spent)) / os.sysconf("SC_CLK_TCK")
 
 
 TOLD = ("error: ", "refused: ", "check failed: ")
@@ -516,17 +531,6 @@ def wrong(case, status, told, left):
 NEVER = ("permeability", "own-part")
 """Commands that no file of ours is enough for."""
 
-KINDS = (
-    "traceback",
-    "crash",
-    "hang",
-    "bare error",
-    "several lines",
-    "warning from below",
-    "left-over",
-    "right call refused",
-)
-
 
 def tried(cases, folder):
     """Yield each case with what was wrong with it, or nothing."""
@@ -548,7 +552,11 @@ def counted(door, cases, folder):
     """Try the cases of a door, print what was wrong, and return the row of its table."""
     row = collections.Counter()
     begun = time.monotonic()
+    before = ""
     for case, fault, status in tried(cases, folder):
+        if case.name != before:
+            print(f"{row['tried']} calls before {case.name}", file=sys.stderr, flush=True)  # noqa: T201
+            before = case.name
         row["tried"] += 1
         row[f"exit {status}"] += 1
         if fault:
@@ -560,35 +568,64 @@ def counted(door, cases, folder):
     return row
 
 
-def tell(rows):
-    """Print the table of all doors."""
-    print("| door | tried | " + " | ".join(KINDS) + " |")  # noqa: T201
-    for door, row in rows.items():
-        print(f"| {door} | {row['tried']} | " + " | ".join(str(row[kind]) for kind in KINDS) + " |")  # noqa: T201
+def doors_of(only, words, folder):
+    """Return the cases of each door by its name."""
+    movers = moving()
+    doors = {}
+    if only != "recipes" and (not words or set(words) & set(commands())):
+        for case in command_cases(folder, words):
+            door = "commands that move" if case.name in movers else "commands that grow and measure"
+            doors.setdefault(door, []).append(case)
+    if only != "commands" and (not words or not set(words) <= set(commands())):
+        doors["recipes and surveys"] = list(recipe_cases(words))
+    return doors
 
 
-def all_of_it(words):
+def moving():
+    """Return the names of commands that move grains: those that may be allowed hours."""
+    return {name for name, one in commands().items() if any(option.name == "max_hours" for option in one.params)}
+
+
+def let_through(recipes, folder):
+    """Read recipes, print what was wrong, and return those to run and the row of those that reading refused."""
+    passed, faults = parsed([case for case in recipes if case.name == "run"], folder)
+    for case, fault in faults:
+        print(f"recipe | {case.argument} = {case.value} | {fault}", flush=True)  # noqa: T201
+    runs = [*passed, *(case for case in recipes if case.name != "run")]
+    row = collections.Counter(sort_of(fault) for _, fault in faults)
+    row["tried"] = len(recipes) - len(runs)
+    print(f"recipes read: {len(recipes)}, wrong: {len(faults)}, to be run: {len(runs)}", flush=True)  # noqa: T201
+    return runs, row
+
+
+def all_of_it(given):
     """Try what is asked for and print a table."""
-    most = next((int(word) for word in words if word.isdigit()), None)
-    words = [word for word in words if not word.isdigit()]
+    most = next((int(word) for word in given.words if word.isdigit()), None)
+    words = [word for word in given.words if not word.isdigit()]
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         prepare(folder)
         preload()
-        doors = {}
-        if not words or set(words) & set(commands()):
-            doors["commands"] = command_cases(folder, words)
-        if not words or not set(words) <= set(commands()):
-            recipes = list(recipe_cases(words))
-            recipes = recipes if most is None else sample(recipes, 3 * most)
-            passed, faults = parsed([case for case in recipes if case.name == "run"], folder)
-            for case, fault in faults:
-                print(f"recipe | {case.argument} = {case.value} | {fault}", flush=True)  # noqa: T201
-            print(f"recipes read: {len(recipes)}, wrong: {len(faults)}, let through: {len(passed)}", flush=True)  # noqa: T201
-            doors["recipes and surveys"] = [*passed, *(case for case in recipes if case.name != "run")]
-        chosen = {door: list(cases) if most is None else sample(cases, most) for door, cases in doors.items()}
-        tell({door: counted(door, cases, folder) for door, cases in chosen.items()})
+        rows = {}
+        for door, cases in doors_of(given.only, words, folder).items():
+            chosen = cases
+            if door == "recipes and surveys":
+                chosen = cases if most is None else sample(cases, 3 * most)
+                chosen, rows["recipes refused when read"] = let_through(chosen, folder)
+            chosen = chosen if most is None else sample(chosen, most)
+            rows[door] = counted(door, islice(chosen, given.first, None, given.every), folder)
+        tell(rows)
+
+
+def main_of_it():
+    """Read what is asked for."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("words", nargs="*")
+    parser.add_argument("--only", choices=("commands", "recipes"))
+    parser.add_argument("--every", type=int, default=1, help="take one case of so many")
+    parser.add_argument("--first", type=int, default=0, help="cases left out before it")
+    all_of_it(parser.parse_args())
 
 
 if __name__ == "__main__":
-    all_of_it(sys.argv[1:])
+    main_of_it()

@@ -8,6 +8,7 @@ in a process of its own: the file at which one ends is known, and the rest goes 
 from __future__ import annotations
 
 import argparse
+import collections
 import contextlib
 import io
 import json
@@ -27,13 +28,14 @@ from typing import NamedTuple
 
 import h5py
 import numpy as np
-from fuzzing import PATIENCE, outcome
+from fuzzing import PATIENCE, outcome, sort_of, tell
 
 import exporters
 import grainsdem as gd
 from exporters.meshes.stl import RECORD, TABLE
 from exporters.openfoam.flow import flow
 from exporters.reading.stages import arrays as read_stage
+from exporters.void.tetrahedra import quality
 from grainsdem import apart, storage
 from grainsdem.dynamics.checkpoint import load_checkpoint
 from grainsdem.dynamics.experiments.parts.joined.driving import table_driver
@@ -64,6 +66,9 @@ PATTERNS = (
     b"\x7f\xff\xff\xff",
 )
 """What is written over bytes."""
+
+DOORS = {"damaged HDF5": "h5|history", "damaged STL, OBJ, USD, MJCF": "mjcf|usd|stl|obj|scan-stl|scan-obj|hulls"}
+"""Rows of the table, and how the names of their formats begin."""
 
 NUMBER = re.compile(r"[+-]?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?")
 
@@ -142,6 +147,7 @@ READ = {
     "drive": lambda path: table_driver(str(path), "speed"),
     "part": lambda path: read_fragment(str(path)),
     "case": read_case,
+    "tetrahedra": quality,
 }
 """Every reader by a name for what it reads; the stage is that of USD without the process that shields from it."""
 
@@ -253,6 +259,25 @@ throats = {fraction = 0.3}
 
 TRIANGLES = b"grain,first_triangle,n_triangles,class\n0,0,4,2\n"
 
+MSH = b"""$MeshFormat
+2.2 0 8
+$EndMeshFormat
+$Nodes
+5
+1 0 0 0
+2 1e-3 0 0
+3 0 1e-3 0
+4 0 0 1e-3
+7 -1e-3 0 0
+$EndNodes
+$Elements
+3
+1 15 2 0 1 1
+2 4 2 5 1 1 2 3 4
+3 4 2 5 1 1 3 7 4
+$EndElements
+"""
+
 SURVEY = b'[survey]\nrepeats = 2\nvary = {"grains.porosity" = [0.4, 0.5]}\n'
 
 SHEET = b"sieve (mm),passing (%)\n4,100\n2,80\n1,30\n0.5,5\n"
@@ -338,6 +363,7 @@ def formats(folder):
         "survey-table": Format(".csv", [b"case,porosity,name\n0,0.4,a\n1,0.5,b\n"], "survey table", is_text=True),
         "checkpoint": Format(".npz", [spoken.getvalue()], "checkpoint"),
         "drive": Format(".csv", [b"time,turn:speed\n0,0\n1,2.5\n"], "drive", is_text=True),
+        "tetrahedra": Format(".msh", [MSH], "tetrahedra", is_text=True),
         "part": Format(".xml", [PART], "part", is_text=True),
         "case": Format(".json", [json.dumps(CASE).encode()], "case", is_text=True),
     }
@@ -510,9 +536,9 @@ def fuzz(name, kind, *, seed, minutes, most, folder):
     return number, ends
 
 
-def tell(name, kind, folder, kept, *, seed, minutes, most=10**9):
-    """Print and save what goes wrong with a format, once for each kind of fault; return how many files, and which."""
-    known, begun, findings = set(), time.monotonic(), []
+def counted(name, kind, folder, kept, *, seed, minutes, most=10**9):
+    """Print and save what goes wrong with a format, once for each kind of fault; return their counts."""
+    known, begun, row = set(), time.monotonic(), collections.Counter()
     found = fuzz(name, kind, seed=seed, minutes=minutes, most=most, folder=folder)
     while True:
         try:
@@ -520,6 +546,7 @@ def tell(name, kind, folder, kept, *, seed, minutes, most=10**9):
         except StopIteration as end:
             n, ends = end.value
             break
+        row[sort_of(fault)] += 1
         sort = re.sub(r"[\d'\"].*", "", fault)[:60]
         if sort in known:
             continue
@@ -527,11 +554,10 @@ def tell(name, kind, folder, kept, *, seed, minutes, most=10**9):
         kept.mkdir(parents=True, exist_ok=True)
         path = kept / f"{name}-{seed}-{number}{kind.suffix}"
         changed(kind, rng_of(name, seed, number), path)
-        findings.append((path, fault))
         print(f"{name} | {path} | {fault}", flush=True)  # noqa: T201
     seconds = time.monotonic() - begun
     print(f"{name}: {n} files, {n / seconds:.1f} a second, {len(known)} kinds of faults, {ends} shielded", flush=True)  # noqa: T201
-    return n, findings
+    return row + collections.Counter({"tried": n})
 
 
 def main():
@@ -543,7 +569,7 @@ def main():
     parser.add_argument("--kept", type=Path, default=Path("fuzzed"), help="folder for files that make a reader fail")
     given = parser.parse_args()
     apart.PATIENCE = 2.0
-    n = faults = 0
+    rows = {}
     kept = given.kept.resolve()
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
@@ -551,10 +577,11 @@ def main():
         every = formats(folder)
         chosen = {name: kind for name, kind in every.items() if not given.formats or name in given.formats}
         for name, kind in chosen.items():
-            more, findings = tell(name, kind, folder, kept, seed=given.seed, minutes=given.minutes / len(chosen))
-            n, faults = n + more, faults + len(findings)
-    print(f"{n} files, {faults} kinds of faults")  # noqa: T201
-    sys.exit(bool(faults))
+            row = counted(name, kind, folder, kept, seed=given.seed, minutes=given.minutes / len(chosen))
+            door = next((door for door, begin in DOORS.items() if re.match(begin, name)), "other files")
+            rows[door] = rows.get(door, collections.Counter()) + row
+    tell(rows)
+    sys.exit(any(row.total() > row["tried"] for row in rows.values()))
 
 
 if __name__ == "__main__":

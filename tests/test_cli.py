@@ -345,7 +345,7 @@ def test_a_signal_while_settling_ends_with_one_line_and_keeps_the_history(tmp_pa
     command = [
         sys.executable,
         "-c",
-        f"{listen}; from grainsdem.cli import main; main()",
+        f"{listen}; from grainsdem.__main__ import main; main()",
         *map(str, words),
         "--time-step",
         "1e-4",

@@ -5,6 +5,7 @@ import signal
 import sys
 from pathlib import Path
 from pkgutil import resolve_name
+from types import SimpleNamespace
 
 import fuzzing_commands
 import h5py
@@ -13,6 +14,7 @@ import typer
 from typer.testing import CliRunner
 
 import grainsdem
+from grainsdem import __main__ as program
 from grainsdem.atomic import check_place
 from grainsdem.cli import app, guard
 from grainsdem.errors import FileFormatError, WriteError
@@ -146,6 +148,27 @@ def write_two(path):
         file["one"] = [1]
         signal.raise_signal(signal.SIGTERM)
         file["two"] = [2]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals are sent another way there")
+def test_signals_are_heeded_by_a_command_and_end_the_program_beside_it(monkeypatch):
+    before = signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    try:
+        with pytest.raises(guard.TerminatedError), guard.heeding():
+            signal.raise_signal(signal.SIGTERM)
+        assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    heard = []
+    cli = SimpleNamespace(main=lambda: heard.append(signal.getsignal(signal.SIGINT)))
+    monkeypatch.setitem(sys.modules, "grainsdem.cli", cli)
+    monkeypatch.setitem(sys.modules, "grainsdem.cli.guard", guard)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        program.main()
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert heard == [signal.SIG_DFL]
 
 
 def test_signals_wait_until_a_packing_is_whole(fresh, tmp_path):

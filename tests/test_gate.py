@@ -108,8 +108,12 @@ def test_a_gated_function_looks_as_it_is_written():
     assert weigh.__doc__.startswith("Return what is given.")
 
 
-def test_shapes_are_those_of_the_docstring():
-    assert shapes_of(weigh) == {"points": [("n", "3"), ("n", "2")], "weights": [("n",)]}
+def test_shapes_are_those_of_the_docstring(monkeypatch):
+    shapes = {"points": [("n", "3"), ("n", "2")], "weights": [("n",)]}
+    assert shapes_of(weigh) == shapes
+    # Python 3.13 takes the indent away.
+    monkeypatch.setattr(weigh, "__doc__", inspect.cleandoc(weigh.__doc__))
+    assert shapes_of(weigh) == shapes
     assert shapes_of(gd.carve) == {"density": [(), ("n_cells",)], "classes": [("n_cells",)]}
     assert shapes_of(gd.fit_sieves) == {"bounds": [("k + 1",)], "counts": [("k",)]}
     assert shapes_of(gd.points.noise_field) == {}  # a length for each axis: only the function can count them
@@ -145,6 +149,26 @@ def test_what_is_of_no_kind_that_a_function_takes_gets_one_line(name, folder, mo
             if "\n" in str(told.value) or argument not in str(told.value):
                 wrong[argument, word] = str(told.value)
     assert wrong == {}
+
+
+def test_odd_values_of_what_nouns_are_made_of_get_one_line(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    tried = list(fuzzing.tried(folder, (), fuzzing.constructors()))
+    assert len({name for name, *_ in tried}) > 25
+    assert [found for found in tried if found[-1]] == []
+
+
+def test_numbers_that_python_alone_holds_are_refused(folder):
+    packing = fuzzing.pool(folder)["packing"]
+    for call, words in (
+        (lambda: gd.settle(packing, friction=10**4400), "friction must be .* got a number of thousands of digits"),
+        (lambda: gd.settle(packing, wall_friction=10**4400), "wall_friction must be zero or more and finite"),
+        (lambda: gd.dynamics.tap(packing, taps=10**4400), "taps: input should be at most 9223372036854775807"),
+        (lambda: gd.placed_cells(gd.Domain.cube(), lambda x, *_: x + 1, n=2**62), "cells"),
+        (lambda: gd.section_profile(packing, 10**7), "from one to 100000 levels; got 10000000"),
+    ):
+        with pytest.raises(InputError, match=words):
+            call()
 
 
 @pytest.mark.parametrize("lengths", [(1e-308,) * 3, (1e308,) * 3, (1e-3, 1e-3, 1e30), (1e-3, 1e-3, 1e9)])

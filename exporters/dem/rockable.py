@@ -207,7 +207,7 @@ def _bed(packing: Packing, options: RockableOptions) -> _Bed:
     kinds = groups(packing, found.of)
     if "friction" not in kinds.parted_by and found.levels.size > 1:
         found = surfaces(packing, options, is_blended=True)
-    return _Bed(packing, sizes, skin(packing, sizes, options.rounding), container, found, kinds, options, wraps)
+    return _Bed(packing, sizes, skin(packing, sizes, options), container, found, kinds, options, wraps)
 
 
 def _refuse_wide(packing: Packing, sizes: Bodies) -> None:
@@ -345,10 +345,10 @@ def _library(bed: _Bed) -> Iterator[bytes]:
     done = frozenset(grains)
     if grains:
         part, mine = subset(bed.packing, grains), Bodies(*(values[grains] for values in bed.sizes))
-        one = rounded(part, mine, bed.options.rounding)
+        one = rounded(part, mine, bed.options.rounding, min_edge=bed.options.min_edge)
         made = dict(zip(grains, _shapes(grains, mine, one, part.densities), strict=True))
         yield "".join([made[shape] if shape >= 0 else plates[-shape - 1] for shape in ahead]).encode()
-    for rows, mine, one in rounded_parts(bed.packing, bed.sizes, bed.options.rounding):
+    for rows, mine, one in rounded_parts(bed.packing, bed.sizes, bed.options):
         numbers = range(rows.start, rows.stop)
         densities = bed.packing.densities[rows] if bed.has_densities else bed.packing.densities[:1]
         texts = _shapes(numbers, mine, one, densities)

@@ -6,13 +6,12 @@ printed, 143 told to end.
 
 from __future__ import annotations
 
-import signal
 from typing import Annotated
 
 import typer
 
 import grainsdem
-from grainsdem.cli.guard import TerminatedError, out
+from grainsdem.cli.guard import out
 from grainsdem.cli.options import app
 
 # Each module puts its commands on the application; the help shows them in this order.
@@ -53,9 +52,4 @@ def _main(
 
 def main() -> None:
     """Run the command line."""
-    signal.signal(signal.SIGTERM, _terminate)
     app()
-
-
-def _terminate(*_: object) -> None:
-    raise TerminatedError

@@ -10,7 +10,9 @@ import functools
 import logging
 import math
 import os
+import signal
 import sys
+import threading
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from pkgutil import resolve_name
@@ -67,7 +69,7 @@ def guarded(command: Callable[..., None]) -> Callable[..., None]:
     @functools.wraps(command)
     def run_guarded(*args: Any, **kwargs: Any) -> None:
         try:
-            with warning():
+            with heeding(), warning():
                 _check_numbers(kwargs)
                 _check_places(command, kwargs)
                 command(*args, **kwargs)
@@ -82,6 +84,29 @@ def guarded(command: Callable[..., None]) -> Callable[..., None]:
             raise typer.Exit(code) from None
 
     return run_guarded
+
+
+@contextmanager
+def heeding() -> Iterator[None]:
+    """Make exceptions of signals that would end the process while the block runs, so that it tidies up."""
+
+    def end(*_: object) -> None:
+        raise TerminatedError
+
+    handlers: dict[int, Any] = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: end}
+    is_main = threading.current_thread() is threading.main_thread()
+    mine = {number: handler for number, handler in handlers.items() if is_main and _is_deadly(number)}
+    try:
+        for number, handler in mine.items():
+            signal.signal(number, handler)
+        yield
+    finally:
+        for number in mine:
+            signal.signal(number, signal.SIG_DFL)
+
+
+def _is_deadly(number: int) -> bool:
+    return signal.getsignal(number) is signal.SIG_DFL
 
 
 def _ending(error: BaseException) -> tuple[int, str]:

@@ -7,8 +7,8 @@ complex numbers, ragged lists and nouns of another kind end in one line. Shapes 
 own business, which need not ask again what kind of thing it has.
 """
 
-from grainsdem.gate.door import gated
+from grainsdem.gate.door import gated, gated_noun
 from grainsdem.gate.shapes import shapes_of
 from grainsdem.gate.types import checks_of
 
-__all__ = ["checks_of", "gated", "shapes_of"]
+__all__ = ["checks_of", "gated", "gated_noun", "shapes_of"]

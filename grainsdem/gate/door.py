@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from grainsdem.gate.kinds import Check
 
     Function = TypeVar("Function", bound=Callable[..., Any])
+    Kind = TypeVar("Kind", bound=type)
 
 
 def gated(function: Function, *, leave: Container[str] = ()) -> Function:
@@ -86,3 +87,12 @@ def gated(function: Function, *, leave: Container[str] = ()) -> Function:
         raise kind(f"{name} must be {words[name]}; {reason}")
 
     return held  # type: ignore[return-value]  # it takes and returns what the function does
+
+
+def gated_noun(kind: Kind) -> Kind:
+    """Return a data class whose constructor holds what it is given against the types of its fields.
+
+    Shapes are its own business: they hang on one another in ways that a docstring cannot say.
+    """
+    kind.__init__ = gated(kind.__init__)  # type: ignore[misc]
+    return kind

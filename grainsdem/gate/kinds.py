@@ -149,6 +149,8 @@ PLAIN: dict[str, Known] = {
     "ArrayLike": ("an array of numbers", _array),
     "NDArray[np.float64]": ("an array of numbers", _array),
     "Floats": ("an array of numbers", _array),
+    **dict.fromkeys(("Ints", "Offsets", "NDArray[np.int64]", "NDArray[np.int32]"), ("an array of numbers", _array)),
+    **dict.fromkeys(("NDArray[np.int8]", "NDArray[np.bool_]"), ("an array of numbers", _array)),
     "Sequence": ("a sequence", sequence),
     "Mapping": ("a mapping", _of(Mapping)),
     "Callable": ("a function", _function),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
 _TOLD = re.compile(
-    r"^ {4}(\w+(?:, \w+)*) : (?!tuple|mapping|sequence)(.*\barray_like\b.*|ndarray.*)\bshape (\(.*)$", re.MULTILINE
+    r"^(\w+(?:, \w+)*) : (?!tuple|mapping|sequence)(.*\barray_like\b.*|ndarray.*)\bshape (\(.*)$", re.MULTILINE
 )
 _ONE = re.compile(r"(?:shape|or) \(((?:\w+(?: \+ \d+| or \d+)?(?:, |,(?=\))|(?=\))))*)\)")
 """Lines of a docstring that tell shapes of arguments, and one of the shapes in it."""
@@ -21,7 +22,7 @@ _ONE = re.compile(r"(?:shape|or) \(((?:\w+(?: \+ \d+| or \d+)?(?:, |,(?=\))|(?=\
 
 def shapes_of(function: Callable[..., Any]) -> dict[str, list[tuple[str, ...]]]:
     """Return the shapes that the docstring allows of arrays, each a tuple of numbers and letters; one is enough."""
-    head = (function.__doc__ or "").partition("\n    Returns\n")[0]
+    head = inspect.cleandoc(function.__doc__ or "").partition("\nReturns\n")[0]
     found = {}
     for names, before, text in _TOLD.findall(head):
         shapes = [tuple(word for word in re.split(r", ?", inner) if word) for inner in _ONE.findall(f"shape {text}")]

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from grainsdem.gate.kinds import Check, Known
 
 NOUNS = {
+    "CellLinks": "CellLinks",
+    "Check": "Check",
     "Chords": "Chords",
     "ContactGraph": "ContactGraph",
     "Correlation": "Correlation",
@@ -30,6 +32,7 @@ NOUNS = {
     "Planform": "Planform",
     "Polyhedra": "Polyhedra",
     "Recipe": "Recipe",
+    "Report": "Report",
     "Scans": "Scans",
     "Section": "Section",
     "SectionKernel": "SectionKernel",
@@ -102,10 +105,16 @@ def _generic(kind: str, inner: ast.expr, aliases: Mapping[str, Any]) -> Known | 
     if kind in ("Mapping", "Callable"):
         return PLAIN[kind]
     if kind == "tuple" and isinstance(inner, ast.Tuple):
-        parts = [_read(part, aliases) for part in inner.elts]
-        if None not in parts and not any(isinstance(part, ast.Constant) for part in inner.elts):
-            return _together(parts)  # type: ignore[arg-type]  # none of them is None
+        return _tuple(inner.elts, aliases)
     return None
+
+
+def _tuple(inner: list[ast.expr], aliases: Mapping[str, Any]) -> Known | None:
+    is_endless = ast.unparse(inner[-1]) == "..."
+    parts = [_read(part, aliases) for part in (inner[:1] if is_endless else inner)]
+    if None in parts or any(isinstance(part, ast.Constant) for part in inner[:1]):
+        return None
+    return _tuple_of(parts[0]) if is_endless else _together(parts)  # type: ignore[arg-type]  # none of them is None
 
 
 def _either(node: ast.BinOp, aliases: Mapping[str, Any]) -> Known | None:
@@ -180,6 +189,15 @@ def _sequence_of(part: Known) -> Known:
 
     def check(value: Any) -> Any:
         return [one(item) for item in sequence(value)] if type(value) is not tuple else tuple(map(one, value))
+
+    return f"a sequence, each of {words}", check
+
+
+def _tuple_of(part: Known) -> Known:
+    words, one = part
+
+    def check(value: Any) -> Any:
+        return tuple(map(one, sequence(value)))
 
     return f"a sequence, each of {words}", check
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from grainsdem.errors import MissingPackageError, ShapeError
+from grainsdem.gate import gated_noun
 from grainsdem.model.arrays import Noun
 
 if TYPE_CHECKING:
@@ -23,6 +24,7 @@ FEATURES = ("vertex", "edge", "face")
 """Names of what a grain touches with, by dimension."""
 
 
+@gated_noun
 @dataclass(frozen=True, slots=True, eq=False)
 class ContactGraph(Noun):
     """Pairs of grains that are near each other.

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from grainsdem.errors import InputError, name_offenders
-from grainsdem.model.arrays import LONGEST, SHORTEST, Noun, read_only
+from grainsdem.errors import InputError, ShapeError, name_offenders
+from grainsdem.gate import gated, gated_noun
+from grainsdem.model.arrays import LONGEST, SHORTEST, Noun, check_length, read_only
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -20,7 +21,11 @@ if TYPE_CHECKING:
 FLATTEST = 1e9
 """Longest edge of a domain over its shortest: beyond that no search for neighbours ends."""
 
+ROUNDEST = 1024
+"""Most facets of a cylinder: their middles lie within two millionths of the circle."""
 
+
+@gated_noun
 @dataclass(frozen=True, slots=True, eq=False)
 class Domain(Noun):
     """A box, periodic along any of its axes and cut by any planes, that seeds are placed in and cells are cut by.
@@ -87,32 +92,37 @@ class Domain(Noun):
         object.__setattr__(self, "volume", volume)
 
     @classmethod
+    @gated
     def cube(cls, side: float = 1.0, *, periodic: bool = False) -> Self:
         """Return the cube from the origin to ``side`` [m] along each axis."""
         return cls.box((side, side, side), periodic=periodic)
 
     @classmethod
+    @gated
     def box(cls, lengths: ArrayLike, *, periodic: bool | tuple[bool, bool, bool] = False) -> Self:
         """Return the box from the origin to ``lengths`` [m], shape (3,)."""
         return cls(np.zeros(3), np.asarray(lengths, float), np.broadcast_to(np.asarray(periodic, bool), (3,)))
 
     @classmethod
+    @gated
     def slab(cls, lengths: ArrayLike, thickness: float, *, periodic: bool | tuple[bool, bool] = False) -> Self:
         """Return a planar domain: ``lengths`` [m], shape (2,), in x and y, and one grain's ``thickness`` [m] in z."""
         wraps = (*np.broadcast_to(np.asarray(periodic, bool), (2,)), False)
         return cls(np.zeros(3), np.append(np.asarray(lengths, float), thickness), np.asarray(wraps), is_planar=True)
 
     @classmethod
+    @gated
     def cylinder(cls, radius: float, height: float, *, sides: int = 32, periodic: bool = False) -> Self:
         """Return a cylinder of ``radius`` [m] about the z axis, from z = 0 to ``height`` [m], as an upright prism.
 
-        ``sides``, a multiple of 4 above 4, is the number of its facets; four of them are the walls of the box. The
+        ``sides``, a multiple of 4 from 8 to 1024, is the number of its facets; four are the walls of the box. The
         prism has the area of the circle, and so the volume of the cylinder: a porosity is that of the round pipe. Of 32
         facets the middles lie 0.16 % inside the circle and the edges 0.32 % outside. ``periodic`` makes the z axis
         wrap around.
         """
-        if sides < 8 or sides % 4:
-            raise InputError(f"sides must be a multiple of 4, 8 or more; got {sides}")
+        if not 8 <= sides <= ROUNDEST or sides % 4:
+            raise InputError(f"sides must be a multiple of 4, from 8 to {ROUNDEST}; got {sides}")
+        check_length("radius", radius)
         angles = [2 * math.pi * k / sides for k in range(sides) if 4 * k % sides]
         # The apothem of the regular polygon whose area, sides · tan(π / sides) · apothem², is the circle's.
         reach = radius * math.sqrt(math.pi / (sides * math.tan(math.pi / sides)))
@@ -121,9 +131,10 @@ class Domain(Noun):
         return cls([-reach, -reach, 0.0], [reach, reach, height], [False, False, periodic], planes=planes)  # type: ignore[arg-type]
 
     @classmethod
+    @gated
     def hopper(cls, top: ArrayLike, bottom: ArrayLike, height: float) -> Self:
         """Return a funnel about the z axis: ``top`` and ``bottom`` are its lengths [m] in x and y, shape (2,)."""
-        upper, lower = np.broadcast_to(np.asarray(top, float), (2,)), np.broadcast_to(np.asarray(bottom, float), (2,))
+        upper, lower = _pair("top", top), _pair("bottom", bottom)
         if not np.all((lower > 0) & (upper > lower)):
             raise InputError(
                 f"a hopper must be wider at the top than at the bottom; got {upper.tolist()} and {lower.tolist()}"
@@ -185,3 +196,11 @@ class Domain(Noun):
         """Return the domain scaled about the origin."""
         planes = self.planes * np.array([1.0, 1.0, 1.0, factor])
         return type(self)(self.lower * factor, self.upper * factor, self.periodic, self.is_planar, planes)
+
+
+def _pair(name: str, lengths: ArrayLike) -> Floats:
+    """Return two lengths, or one for both, as two."""
+    given = np.asarray(lengths, float)
+    if given.shape not in ((), (1,), (2,)):
+        raise ShapeError(f"{name} must be one length or two, shape (2,); got shape {given.shape}")
+    return np.broadcast_to(given, (2,))

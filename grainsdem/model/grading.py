@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal, Protocol, Self, get_args
 import numpy as np
 
 from grainsdem.errors import InputError, ShapeError, name_offenders
+from grainsdem.gate import gated, gated_noun
 from grainsdem.model.arrays import Noun
 from grainsdem.roots import raised
 
@@ -60,6 +61,7 @@ Classes = tuple["Floats", "Floats", "Floats"]
 """Lower and upper bounds [m] of the classes that hold something, and their shares of the mass."""
 
 
+@gated_noun
 @dataclass(frozen=True, slots=True, eq=False)
 class Grading(Noun):
     """Percent passing by mass at each opening of a set of sieves.
@@ -105,6 +107,7 @@ class Grading(Noun):
             raise InputError(f"diameter must be 'equal-volume' or 'sieve'; got {self.diameter!r}")
 
     @classmethod
+    @gated
     def of(cls, distribution: Distribution, *, diameter: Diameter = "equal-volume", tail: float = TAIL) -> Self:
         """Return the curve of a distribution of sizes by mass, its tails cut.
 

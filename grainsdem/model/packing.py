@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from grainsdem.errors import InputError, ShapeError, name_offenders
+from grainsdem.gate import gated_noun
 from grainsdem.model.arrays import LONGEST, Noun
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ QUARTZ_DENSITY = 2650.0
 """Density of quartz [kg/m³], the default of every packing."""
 
 
+@gated_noun
 @dataclass(frozen=True, slots=True, eq=False)
 class CellLinks(Noun):
     """What grains in place still know of the tessellation that they were carved from.
@@ -77,7 +79,8 @@ class CellLinks(Noun):
     def _hold_finite(self, *names: str) -> None:
         """Raise `InputError` where one of these arrays is not finite."""
         for name in names:
-            bad = np.flatnonzero(~np.isfinite(getattr(self, name)).reshape(len(getattr(self, name)), -1).all(axis=1))
+            values = getattr(self, name)
+            bad = np.flatnonzero(~np.isfinite(values).all(axis=tuple(range(1, values.ndim))))
             if bad.size:
                 raise InputError(f"{name} of links must be finite; not so: {name_offenders(bad)}")
 
@@ -92,6 +95,7 @@ class CellLinks(Noun):
         )
 
 
+@gated_noun
 @dataclass(frozen=True, slots=True, eq=False)
 class Packing(Noun):
     """Grains in a domain, each with a pose and a density.

@@ -6,11 +6,13 @@ from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 from grainsdem.errors import ValidationError, name_offenders
+from grainsdem.gate import gated_noun
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
 
+@gated_noun
 @dataclass(frozen=True, slots=True)
 class Check:
     """One thing that validation looked at.
@@ -42,6 +44,7 @@ class Check:
     note: str = ""
 
 
+@gated_noun
 @dataclass(frozen=True, slots=True)
 class Report:
     """What validation found.

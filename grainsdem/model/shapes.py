@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.errors import InputError, ShapeError, name_offenders
+from grainsdem.gate import gated_noun
 from grainsdem.model.arrays import LONGEST, Noun
 from grainsdem.ragged import check_offsets
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     Offsets = NDArray[np.int64]
 
 
+@gated_noun
 @dataclass(frozen=True, slots=True, eq=False)
 class Polyhedra(Noun):
     """Convex polyhedra in flat arrays, each in a frame of its own.

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.errors import ShapeError
+from grainsdem.gate import gated_noun
 from grainsdem.model.arrays import Noun
 from grainsdem.ragged import owners
 
@@ -24,6 +25,7 @@ _FACES = (-5, -6)
 """The walls at the two faces of a slab, as `Domain` numbers them."""
 
 
+@gated_noun
 @dataclass(frozen=True, slots=True, eq=False)
 class Tessellation(Noun):
     """Cells of a domain, and for every face the cell on its other side.

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.errors import InputError
-from grainsdem.gate import gated
+from grainsdem.gate import gated, gated_noun
 from grainsdem.geometry.forms.sizes import grain_diameters, grain_sphericities, weighted_percentiles
 from grainsdem.geometry.integrals import integrate
 from grainsdem.packing.shrink import About, Region, shrink
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from grainsdem.model import Packing
 
 
+@gated_noun
 @dataclass(frozen=True, slots=True)
 class VoidRelation:
     """A linear relation e = intercept + slope · S of void ratio to mean sphericity.
@@ -41,6 +42,7 @@ class VoidRelation:
         return self.intercept + self.slope * sphericity
 
 
+@gated_noun
 @dataclass(frozen=True, slots=True)
 class SortingRelation:
     """A relation of void ratio to graphic sorting: lines between the classes that have one, and level beyond them.

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from grainsdem import recipe as recipes
 from grainsdem.errors import FileFormatError, InputError, MissingFileError, name_offenders
 from grainsdem.foreign import refusing, toml
-from grainsdem.gate import gated
+from grainsdem.gate import gated, gated_noun
 from grainsdem.recipe.base import flat
 from grainsdem.recipe.changing import put
 
@@ -29,6 +29,7 @@ MOST_BEDS = 1_000_000
 """Beds of a survey, or photographs of a set: to plan more of them takes hours before the first is grown."""
 
 
+@gated_noun
 @dataclass(frozen=True, slots=True, eq=False)
 class Survey:
     """A plan of many beds.
@@ -173,7 +174,10 @@ def read(
         raise InputError(f"{path}: survey.vary must be a table of keys and lists of values; got {plan['vary']!r}")
     _find_beside(path.parent, tables)
     varied = {**flat(plan.get("vary", {})), **(vary or {})}
-    return Survey(tables, varied, plan.get("combine", "product"), repeats or plan.get("repeats", 1))
+    try:
+        return Survey(tables, varied, plan.get("combine", "product"), repeats or plan.get("repeats", 1))
+    except InputError as error:
+        raise type(error)(f"{path}: {error}") from None
 
 
 def _find_beside(folder: Path, tables: dict[str, Any]) -> None:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, get_args
 import numpy as np
 
 from grainsdem.errors import InputError
+from grainsdem.gate import gated_noun
 from grainsdem.geometry.rotations import random_quaternions, to_matrices
 from grainsdem.tessellation.metric import frame_along
 from grainsdem.tessellation.sized import Law
@@ -77,6 +78,7 @@ class Drawn(NamedTuple):
     axes: Floats
 
 
+@gated_noun
 @dataclass(frozen=True, slots=True)
 class Forms:
     """Forms of grains: what proportions they have, each its own, and how they lie.

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 
 from grainsdem.errors import InputError
-from grainsdem.gate import gated
+from grainsdem.gate import gated, gated_noun
 from grainsdem.memory import allow_cells
 from grainsdem.model import Domain, Grading, Tessellation
 from grainsdem.points.poisson import poisson
@@ -49,6 +49,7 @@ WHOLE = 3
 """Steps have so many times the fewest grains of a layer: their curves are made of fewer."""
 
 
+@gated_noun
 @dataclass(frozen=True, slots=True)
 class Layer:
     """One layer of a bed, or a lens in it.

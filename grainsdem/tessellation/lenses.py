@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 
 from grainsdem.errors import InputError
+from grainsdem.gate import gated_noun
 from grainsdem.tessellation.metric import frame_along
 
 if TYPE_CHECKING:
@@ -23,6 +24,7 @@ _STEPS = 64
 """Places along each edge of a lens at which its volume is looked for: it is known to a hundredth of a per cent."""
 
 
+@gated_noun
 @dataclass(frozen=True, slots=True)
 class Lens:
     """Where a lens lies.

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, Self
 import numpy as np
 
 from grainsdem.errors import ConvergenceError, InputError
-from grainsdem.gate import gated
+from grainsdem.gate import gated, gated_noun
 from grainsdem.geometry.forms.boxes import boxes_on_faces, rectangles
 from grainsdem.model import Domain, Polyhedra, Tessellation
 from grainsdem.model.arrays import Noun
@@ -43,7 +43,11 @@ ROUNDS = 12
 FLATTEST = 0.02
 """Least ratio of two axes: flatter cells are slivers, whose volumes drown in rounding."""
 
+STEEPEST = 1e3
+"""Largest ratio of two axes that a metric may have."""
 
+
+@gated_noun
 @dataclass(frozen=True, slots=True, eq=False)
 class Metric(Noun):
     """A stretch of space that keeps volumes, along three axes at right angles.
@@ -58,11 +62,13 @@ class Metric(Noun):
 
     def __post_init__(self) -> None:
         matrix = self.freeze("matrix", np.float64, 3, 3)
-        determinant = float(np.linalg.det(matrix))
+        is_finite = bool((np.abs(matrix) <= STEEPEST**2).all())
+        determinant = float(np.linalg.det(matrix)) if is_finite else math.nan
         if not (np.allclose(matrix, matrix.T) and abs(determinant - 1) < 1e-6):
             raise InputError(f"a metric's matrix is symmetric and of determinant 1; got {matrix.tolist()}")
 
     @classmethod
+    @gated
     def along(cls, ratios: tuple[float, float], *, trend: float = 0.0, dip: float = 0.0) -> Self:
         """Return the stretch by ratios b/a and c/b of a ball's image.
 
@@ -77,6 +83,8 @@ class Metric(Noun):
             of the long axis that points along the trend is raised.
         """
         low, high = ratios
+        if not all(1 / STEEPEST <= ratio <= STEEPEST for ratio in (low, high)):
+            raise InputError(f"ratios of axes must lie from {1 / STEEPEST} to {STEEPEST:g}; got {low} and {high}")
         # a · b · c = 1
         a = (low * low * high) ** (-1 / 3)
         sizes = (a, a * low, a * low * high)
@@ -161,6 +169,8 @@ class Metric(Noun):
 
 def frame_along(trend: float, dip: float) -> tuple[tuple[float, float, float], ...]:
     """Return the long, the middle and the short axis of what lies along a trend and dip [rad]; see `Metric.along`."""
+    if not (math.isfinite(trend) and math.isfinite(dip)):
+        raise InputError(f"trend and dip [rad] must be finite; got {trend} and {dip}")
     t, d = _exact(trend), _exact(dip)
     return (t[0] * d[0], t[1] * d[0], d[1]), (-t[1], t[0], 0.0), (-t[0] * d[1], -t[1] * d[1], d[0])
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from grainsdem.errors import InputError, ShapeError
 from grainsdem.gate import gated
+from grainsdem.memory import A_CELL, allow_memory
 from grainsdem.roots import raised
 from grainsdem.tessellation.sized import sized_cells
 
@@ -82,6 +83,7 @@ def placed_cells(
     """
     if n < 1:
         raise InputError(f"the number of cells must be 1 or more; got {n}")
+    allow_memory(n, A_CELL, "cells")
     generator = np.random.default_rng(rng)
     seeds = _seeds(domain, size, n, generator)
     for left in range(_AGAIN, 0, -1):

@@ -24,7 +24,7 @@ from grainsdem.dynamics.mechanics import snapshot
 from grainsdem.errors import InputError, MissingPackageError
 from grainsdem.gate import gated
 from grainsdem.options import checked, model_of, notes_of
-from grainsdem.values import STRICT
+from grainsdem.values import Options
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -227,7 +227,7 @@ def _options(setup: Callable[..., Any]) -> type[BaseModel]:
         del kind
         if name not in NOTES:
             fields[name] = (_run_annotation(name), DEFAULTS[name])
-    return create_model(setup.__name__, __config__=STRICT, **fields)  # type: ignore[call-overload,no-any-return]
+    return create_model(setup.__name__, __base__=Options, **fields)  # type: ignore[call-overload,no-any-return]
 
 
 def _run_annotation(name: str) -> Any:

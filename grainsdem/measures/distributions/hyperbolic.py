@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.errors import InputError
+from grainsdem.gate import gated_noun
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -31,6 +32,7 @@ TAIL = 60.0
 """Exponent at which tails are cut: exp(-60) is far below the rounding of a probability."""
 
 
+@gated_noun
 @dataclass(frozen=True, slots=True)
 class LogHyperbolic:
     r"""Log-hyperbolic distribution of a size d [m].

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.errors import InputError
-from grainsdem.gate import gated
+from grainsdem.gate import gated, gated_noun
 from grainsdem.geometry.forms.sizes import grain_diameters
 from grainsdem.geometry.raster.above import look_down
 from grainsdem.model.arrays import Noun, check_length
@@ -27,6 +27,7 @@ MOST_PIXELS = 1 << 30
 """Pixels of a planform: 16 bytes each."""
 
 
+@gated_noun
 @dataclass(frozen=True, slots=True, eq=False)
 class Planform(Noun):
     """A bed seen from straight above through pixels, without perspective; row 0 is at the largest y.

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.errors import InputError, ShapeError
-from grainsdem.gate import gated
+from grainsdem.gate import gated, gated_noun
 from grainsdem.geometry.clipping import box_planes
 from grainsdem.geometry.raster.copies import copies
 from grainsdem.geometry.raster.slicing import cut_polygons
@@ -27,6 +27,7 @@ _NORMALS = {"x": (1.0, 0.0, 0.0), "y": (0.0, -1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 """Normals of level planes, towards the eye: x, y and z grow to the right or upward in the picture."""
 
 
+@gated_noun
 @dataclass(frozen=True, slots=True, eq=False)
 class Section(Noun):
     """Convex polygons in which a plane cuts grains.

@@ -12,7 +12,6 @@ from grainsdem.geometry.bounds import boxes
 from grainsdem.geometry.raster.copies import copies
 from grainsdem.measures.sections.planes import cut, find_plane
 from grainsdem.measures.sections.tables import section_summary
-from grainsdem.memory import A_SEED, allow_memory
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -23,6 +22,9 @@ if TYPE_CHECKING:
 
 FIELDS = ("area", "area_fraction", "n_sections", "n_per_area", "mean_area", "mean_diameter", "d10", "d50", "d90")
 """Columns of `section_profile` after the place: those of `section_summary`."""
+
+MOST = 100_000
+"""Levels of a profile by their number alone: of more, which take minutes, the places are to be given."""
 
 
 @gated
@@ -83,9 +85,8 @@ def _levels(packing: Packing, places: int | ArrayLike, axis: int) -> NDArray[np.
             raise InputError(f"places must be finite, in one row, and one at least; got shape {levels.shape}")
         return levels
     n = int(places)  # type: ignore[arg-type]  # no array, so a number
-    if n < 1:
-        raise InputError(f"places must be one level at least; got {n}")
-    allow_memory(n, A_SEED, "levels")
+    if not 1 <= n <= MOST:
+        raise InputError(f"places must be from one to {MOST} levels; got {n}")
     domain = packing.domain
     if domain.periodic[axis]:
         low, high = float(domain.lower[axis]), float(domain.upper[axis])

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.errors import InputError, ShapeError
-from grainsdem.gate import gated
+from grainsdem.gate import gated, gated_noun
 from grainsdem.geometry.forms.sizes import grain_diameters
 from grainsdem.geometry.raster.slicing import mean_widths
 from grainsdem.geometry.rotations import random_quaternions, to_matrices
@@ -47,6 +47,9 @@ ROUNDS = 400
 SMOOTHING = 0.06
 """Part of a class's grains that goes to each neighbour in a round."""
 
+MOST_PLANES = 100_000
+"""Planes that a kernel may be found by: each takes a section of the whole bed."""
+
 LEAST = 50
 """Sections below which nothing is unfolded."""
 
@@ -54,6 +57,7 @@ INSIDE = 8
 """Sizes within a class that the kernel is averaged over."""
 
 
+@gated_noun
 @dataclass(frozen=True, slots=True, eq=False)
 class SectionKernel:
     """How large the sections of a grain are, relative to it.
@@ -96,6 +100,8 @@ class SectionKernel:
         """
         if packing.domain.is_planar:
             raise InputError("prisms are cut to what they are: there is nothing to unfold in a planar bed")
+        if not 1 <= n_planes <= MOST_PLANES:
+            raise InputError(f"n_planes must lie from 1 to {MOST_PLANES}; got {n_planes}")
         generator = np.random.default_rng(rng)
         sizes = grain_diameters(packing)
         found: list[Floats] = [np.empty(0)]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from grainsdem.errors import InputError
-from grainsdem.gate import gated
+from grainsdem.gate import gated, gated_noun
 from grainsdem.geometry.clipping import box_planes
 from grainsdem.geometry.forms.sizes import grain_diameters
 from grainsdem.geometry.raster.lattice import OUTSIDE, VOID, Lattice, label_blocks
@@ -28,6 +28,7 @@ MOST_VOXELS = 1 << 32
 """Voxels that are held in memory: 16 GiB."""
 
 
+@gated_noun
 @dataclass(frozen=True, slots=True, eq=False)
 class Voxels(Noun):
     """Voxels of a box, each with the grain that its middle lies in.

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 
 from grainsdem.errors import InputError
+from grainsdem.gate import gated_noun
 from grainsdem.roots import raised
 
 if TYPE_CHECKING:
@@ -36,6 +37,7 @@ STEEPEST = 20.0
 """Largest ratio of sizes at the two ends: of more there are thousands of small grains for a large one."""
 
 
+@gated_noun
 @dataclass(frozen=True, slots=True)
 class Grade:
     """Sizes of grains that go linearly along an axis.

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from grainsdem.errors import FileFormatError, InputError, MissingFileError, ShapeError
-from grainsdem.gate import gated
+from grainsdem.gate import gated, gated_noun
 from grainsdem.geometry.forms.sizes import sphere_diameters
 from grainsdem.geometry.hulls import outline
 from grainsdem.geometry.integrals import volumes
@@ -48,6 +48,7 @@ _LARGE = 10.0
 """Diameter [m] of no grain: the file is in other units."""
 
 
+@gated_noun
 @dataclass(frozen=True, slots=True, eq=False)
 class Scans(Noun):
     """Convex shapes that were read from files, and what was changed.

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Literal, Self, get_args
 import numpy as np
 
 from grainsdem.errors import InputError, ShapeError
+from grainsdem.gate import gated, gated_noun
 from grainsdem.measures.distributions.statistics import MILLIMETRE
 from grainsdem.model import Grading
 from grainsdem.model.arrays import Noun
@@ -53,6 +54,7 @@ _NUMBERED = re.compile(r"(?:no\.?|nr\.?|#|mesh)?\s*(\d+)\s*(?:mesh)?", re.IGNORE
 _SIGNED = re.compile(r"(?:no\.?|nr\.?|#|mesh)\s*\d+|\d+\s*mesh", re.IGNORECASE)
 
 
+@gated_noun
 @dataclass(frozen=True, slots=True, eq=False)
 class SieveSheet(Noun):
     """Masses in classes of size, the pan and what stays on the widest sieve among them.
@@ -79,6 +81,7 @@ class SieveSheet(Noun):
             raise InputError(f"weights must be finite, zero or more, and not all zero; got {weights.tolist()}")
 
     @classmethod
+    @gated
     def from_passing(cls, openings: Sequence[float], passing: Sequence[float]) -> Self:
         """Return the sheet of percentages by mass that pass openings [m], in either order.
 
@@ -100,6 +103,7 @@ class SieveSheet(Noun):
         return cls(np.concatenate([[0.0], sizes, [np.inf]]), np.diff(np.concatenate([[0.0], percent, [100.0]])))
 
     @classmethod
+    @gated
     def from_retained(cls, openings: Sequence[float], retained: Sequence[float], *, pan: float = 0.0) -> Self:
         """Return the sheet of masses, in any unit, that stay on sieves with openings [m], in either order.
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from grainsdem.errors import InputError
+from grainsdem.gate import gated, gated_noun
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 
+@gated_noun
 @dataclass(frozen=True, slots=True)
 class CameraLens:
     """Radial distortion as Brown and Conrady write it, and programs of photogrammetry read it.
@@ -59,8 +61,11 @@ class CameraLens:
             )
 
     @classmethod
+    @gated
     def of(cls, view: Planform, distortion: Sequence[float]) -> CameraLens:
         """Return the lens of a view with k1 and k2."""
+        if len(distortion) != 2:
+            raise InputError(f"distortion must be two numbers, k1 and k2; got {len(distortion)}")
         (k1, k2), (ny, nx) = distortion, view.labels.shape
         return cls(k1, k2, (ny, nx))
 
