@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import exporters
 from exporters.dem.bodies import bodies, rounded
+from exporters.rest import Rest, resting
 from grainsdem.errors import InputError
 from grainsdem.geometry.rotations import random_quaternions, world_vertices
 from grainsdem.model import Domain
@@ -280,6 +281,23 @@ def test_the_smoother_rules_where_it_is_to_and_walls_have_frictions_of_their_own
     assert not (tmp_path / "no.conf").exists()
 
 
+def test_a_bed_at_rest_has_the_walls_and_the_rule_that_it_came_to_rest_with(tmp_path):
+    rest = Rest(0.01, None, {"floor": 0.9}, (0.0, 0.0, -1.0), are_spheres=False, mixing="min")
+    bed = of_four(frictions=[0.2, 0.2, 0.6, 0.6]).with_step("settle", **resting(rest))
+    written(bed, tmp_path / "bed.conf")
+    settings, bodies, _ = read_conf(tmp_path / "bed.conf")
+    floor = next(int(numbers[0]) for name, numbers in bodies if name == "wall_z0")
+    mu = law(settings, "muContact")
+    assert (mu[1, 2], mu[tuple(sorted((1, floor)))]) == (0.2, 0.9)
+
+
+def test_shapes_without_walls_still_weigh_the_same_by_group_and_by_shape(tmp_path):
+    written(of_four(densities=[2500.0, 2500.0, 2500.0, 5000.0]), tmp_path / "bed.conf", walls="none")
+    _, bodies, shapes = read_conf(tmp_path / "bed.conf")
+    assert list(shapes) == ["g000001", "g000000", "g000003", "g000002"]
+    assert [int(numbers[0]) for _, numbers in bodies] == [1, 1, 1, 2]
+
+
 def test_what_would_be_too_many_groups_is_blended_first_the_frictions_then_the_densities(tmp_path, caplog):
     pair = two_grains()
     rows = np.arange(102) % 2
@@ -307,6 +325,12 @@ def test_a_bed_that_is_periodic_along_all_axes_has_a_cell_that_holds_every_image
     cell = np.array(settings["h"][0], float).reshape(3, 3)
     assert np.diag(cell) == pytest.approx([4e-3, 5e-3, 6e-3])
     assert [name for name, _ in bodies] == [f"g{i:06d}" for i in range(len(bed))]
+    # Where they were, but for whole cells and the place of the box.
+    places = np.array([numbers[3:6] for _, numbers in bodies])
+    steps = (places - (bed.positions - domain.lower)) / domain.lengths
+    assert np.abs(steps - steps.round()).max() < 1e-9
+    assert len(np.unique(steps.round())) > 1
+    assert ((places >= 0) & (places < domain.lengths)).all()
     # Two grains within reach of each other are so by the image that is nearest by their centres.
     reach = [np.linalg.norm(shape["nv"], axis=1).max() + shape["radius"][0] for shape in shapes.values()]
     assert 2 * max(reach) + float(settings["DVerlet"][0][0]) < np.diag(cell).min() / 2

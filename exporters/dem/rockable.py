@@ -88,7 +88,7 @@ _FAR = 0.1
 
 _CELL = """\
 # The cell needs a Rockable that was built with ROCKABLE_ENABLE_PERIODIC: any other has neither cell nor walls.
-# It is fixed, and there is no gravity, since nothing would stop what falls.
+# It is fixed, begins at the origin, and holds every centre; no gravity, since nothing would stop what falls.
 usePeriodicCell 1
 h %s 0 0 0 %s 0 0 0 %s
 vh 0 0 0 0 0 0 0 0 0
@@ -138,7 +138,7 @@ LOSES = (
     "Edges are rounded: each grain is its faces moved inward and a sphere swept over the rest, inside what it was.",
     "Beyond 100 groups of density and friction all grains have the mean friction.",
     "Beyond 100 densities one stands for all, and the volume of a shape is its mass over that.",
-    "Periodic axes become walls, unless all are periodic.",
+    "A bed that is periodic along all axes is moved to the origin, its centres into the cell; else such become walls.",
 )
 """What the format does not carry."""
 
@@ -259,8 +259,17 @@ def _configuration(bed: _Bed, name: str) -> Iterator[bytes]:
     behind = container.centres - _plate_radius(bed.found) * container.normals
     yield _bodies(container.names, of_wall, behind, container.quaternions)
     names, numbers = grain_names(packing), (bed.groups.of + 1).tolist()
+    centres = _wrapped(packing, sizes.centres) if bed.wraps else sizes.centres
     for rows, _ in parts(packing):
-        yield _bodies(names[rows], numbers[rows], sizes.centres[rows], sizes.orientations[rows])
+        yield _bodies(names[rows], numbers[rows], centres[rows], sizes.orientations[rows])
+
+
+def _wrapped(packing: Packing, centres: Floats) -> Floats:
+    """Return centres [m] in the cell that begins at the origin: Rockable wraps those outside after it found pairs."""
+    lengths = packing.domain.lengths
+    inside = (centres - packing.domain.lower) % lengths
+    # What is below zero by less than a rounding is at the other end.
+    return np.where(inside < lengths, inside, 0.0)
 
 
 def _wall_groups(bed: _Bed) -> tuple[list[int], dict[int, float | None]]:

@@ -153,7 +153,8 @@ def _commands(
     drop = height(packing, ends)
     stiffness = 2 * float(sizes.masses.max()) * options.gravity * drop / (0.2 * d**2 * (options.depth * d) ** 2)
     springs = f"stiffness-normal {stiffness:.9g} stiffness-shear {stiffness:.9g}"
-    default = _angle(found.between(0, 0))
+    # That of most pairs.
+    default = _angle(found.between(0, len(found.levels) - 1))
     yield _FOOTER.substitute(
         density=told[0],
         densities="\n".join([
