@@ -126,10 +126,10 @@ def _void(
     solid = void(treat(grains, options.contact, gap, frame).bodies, region, frame)
     if solid.is_empty():
         raise InputError("the box holds no void; give another box, or a bed of more porosity")
-    bounds = [(corner - frame.origin) / d for corner in (region.lower, region.upper)]
+    lower, upper = ((corner - frame.origin) / d for corner in (region.lower, region.upper))
     shortest = (1e-3 if options.contact in ("shrink", "cap") else 0.0) if options.min_edge is None else options.min_edge
-    found = faces(solid, *bounds, shortest=shortest)
-    patch_of = gmsh.patches(found, *bounds, axis)
+    found = faces(solid, lower, upper, shortest=shortest)
+    patch_of = gmsh.patches(found, lower, upper, axis)
     # The world's place, in diameters: Gmsh's tolerances are for lengths about one.
     filled_void = gmsh.Void(found._replace(points=found.points + frame.origin / d), patch_of, d, options.size)
     volume, exact = found.volume() * d**3, float(solid.volume()) * d**3

@@ -59,8 +59,8 @@ def faces(body: Any, lower: Floats, upper: Floats, *, shortest: float = 0.0) -> 
     mesh = body.to_mesh64()
     points = np.asarray(mesh.vert_properties)[:, :3].copy()
     triangles = np.asarray(mesh.tri_verts).astype(np.int64)
-    runs = np.diff(np.asarray(mesh.run_index).astype(np.int64)) // 3
-    origins = np.repeat(np.asarray(mesh.run_original_id).astype(np.int64), runs)
+    starts = np.array(mesh.run_index, dtype=np.int64) // 3
+    origins = np.repeat(np.array(mesh.run_original_id, dtype=np.int64), starts[1:] - starts[:-1])
     keys = np.column_stack([origins, np.asarray(mesh.face_id).astype(np.int64)])
     _, keys = np.unique(keys, axis=0, return_inverse=True)
     walls = np.hstack([np.abs(points - wall) < ON_WALL for wall in (lower, upper)])
@@ -79,8 +79,8 @@ def faces(body: Any, lower: Floats, upper: Floats, *, shortest: float = 0.0) -> 
 def _parted(points: Floats, triangles: Ints, face_of: Ints) -> Ints:
     """Return the faces, those that are not plane parted into their triangles."""
     areas = vector_areas(points[triangles])
-    normals = np.column_stack([np.bincount(face_of, areas[:, k]) for k in range(3)])
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    sums = np.column_stack([np.bincount(face_of, areas[:, k]) for k in range(3)])
+    normals = sums / np.linalg.norm(sums, axis=1, keepdims=True)
     heights = (points[triangles] * normals[face_of][:, None]).sum(axis=2)
     n = int(face_of.max()) + 1
     spread = np.full(n, -np.inf), np.full(n, np.inf)

@@ -50,12 +50,13 @@ def patches(faces: Faces, lower: Floats, upper: Floats, axis: int) -> Ints:
     patch_of = np.full(len(faces.loops), PATCHES.index("grains"), dtype=np.int64)
     for row, loops in enumerate(faces.loops):
         corners = faces.points[loops[0]]
-        on = [(np.abs(corners - wall) < ON_WALL).all(axis=0) for wall in (lower, upper)]
-        if on[0][axis]:
+        # How far the farthest corner lies from each of the six walls.
+        below, above = np.abs(corners - lower).max(axis=0), np.abs(corners - upper).max(axis=0)
+        if below[axis] < ON_WALL:
             patch_of[row] = PATCHES.index("inlet")
-        elif on[1][axis]:
+        elif above[axis] < ON_WALL:
             patch_of[row] = PATCHES.index("outlet")
-        elif (on[0] | on[1]).any():
+        elif np.minimum(below, above).min() < ON_WALL:
             patch_of[row] = PATCHES.index("sides")
     return patch_of
 

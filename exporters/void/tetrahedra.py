@@ -84,7 +84,7 @@ def _conditions(edges: Floats) -> Floats:
     # The inverse's norm from the cofactors: a flat one has no inverse.
     cofactors = np.stack([np.cross(maps[:, k - 2], maps[:, k - 1]) for k in range(3)], axis=1)
     norms = np.linalg.norm(maps, axis=(1, 2)) * np.linalg.norm(cofactors, axis=(1, 2))
-    return np.divide(3 * np.linalg.det(maps), norms, out=np.zeros(len(maps)), where=norms > 0)
+    return np.asarray(np.divide(3 * np.linalg.det(maps), norms, out=np.zeros(len(maps)), where=norms > 0))
 
 
 def _angles(corners: Floats) -> Floats:
