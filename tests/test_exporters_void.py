@@ -107,7 +107,7 @@ def test_the_voids_surface_is_closed_and_says_its_groups():
         ({"region": "between"}, "region must be one of grains, void, core, bed; got 'between'"),
         ({"box": ([0, 0, 0], [99, 9, 9])}, "the box must lie in the domain"),
         ({"size": 0.0}, "size must be positive"),
-        ({"min_edge": -1.0}, "min_edge must be zero or more"),
+        ({"shortest_edge": -1.0}, "shortest_edge must be zero or more"),
         ({"axis": "w"}, "axis must be one of x, y, z"),
         ({"contact": "glue"}, "contact must be one of shrink"),
         ({"box": ([4.5, 4.5, 4.5], [5.5, 5.5, 5.5]), "gap": 0.01}, "the box holds no void"),
@@ -186,7 +186,7 @@ def test_gmsh_fills_the_void_of_forty_grains_and_openfoam_takes_it(program, fort
     # Merging no edges, it is the void itself.
     exact = exporters.files(bed, "openfoam", region=box, cells=12, void_mesh=False)["case.json"].decode()
     case = {key: float(re.search(rf'"{key}": (\S+),', exact)[1]) for key in ("volume", "porosity")}
-    exporters.write(bed, path, region="void", box=box, min_edge=0, overwrite=True)
+    exporters.write(bed, path, region="void", box=box, shortest_edge=0, overwrite=True)
     assert filled(program, tmp_path).volume == pytest.approx(case["volume"] * case["porosity"], rel=1e-9)
     # The surface as triangles is read too.
     done = subprocess.run(

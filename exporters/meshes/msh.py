@@ -49,7 +49,7 @@ class MshOptions:
         Gap [m]; by default a fiftieth of the mean equal-volume diameter.
     size : float
         Longest edge of the void's tetrahedra, in mean diameters; Gmsh's ``-clscale`` makes all finer or coarser.
-    min_edge : float, optional
+    shortest_edge : float, optional
         Edges of the void's surface below this, in mean diameters, are merged away; the script says what it changed. By
         default a thousandth where grains stay apart and flat (``"shrink"``, ``"cap"``); else none, for where solids
         meet at small angles faces would cross.
@@ -67,7 +67,7 @@ class MshOptions:
     contact: Literal["shrink", "cap", "bridge", "union", "none"] = "shrink"
     gap: float | None = None
     size: float = 0.15
-    min_edge: float | None = None
+    shortest_edge: float | None = None
 
     def __post_init__(self) -> None:
         # Corners too are OpenFOAM's.
@@ -78,8 +78,8 @@ class MshOptions:
         if self.gap is not None:
             check_positive("gap", self.gap)
         check_positive("size", self.size)
-        if self.min_edge is not None:
-            check_positive("min_edge", self.min_edge, or_zero=True)
+        if self.shortest_edge is not None:
+            check_positive("shortest_edge", self.shortest_edge, or_zero=True)
 
 
 Options = MshOptions
@@ -127,7 +127,11 @@ def _void(
     if solid.is_empty():
         raise InputError("the box holds no void; give another box, or a bed of more porosity")
     lower, upper = ((corner - frame.origin) / d for corner in (region.lower, region.upper))
-    shortest = (1e-3 if options.contact in ("shrink", "cap") else 0.0) if options.min_edge is None else options.min_edge
+    shortest = (
+        (1e-3 if options.contact in ("shrink", "cap") else 0.0)
+        if options.shortest_edge is None
+        else options.shortest_edge
+    )
     found = faces(solid, lower, upper, shortest=shortest)
     patch_of = gmsh.patches(found, lower, upper, axis)
     # The world's place, in diameters: Gmsh's tolerances are for lengths about one.
