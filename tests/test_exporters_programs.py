@@ -64,6 +64,7 @@ def test_the_lines_have_step_and_gravity_in_units_of_the_file(few, tmp_path):
 @pytest.mark.parametrize(
     ("path", "options", "message"),
     [
+        ("bed", {"program": "lbm"}, "lbm reads voxels: grainsdem voxels BED out.nrrd"),
         ("bed", {"program": "blendr"}, r"no program has the name 'blendr'; known are mujoco, .*, 3dec"),
         ("bed.stl", {"program": "newton"}, r"bed.stl: for newton a bed is written as usd, with the suffix .usdc, .*or"),
         ("bed", {"program": "newton", "format": "stl"}, "a program picks the format; got the program newton and"),
