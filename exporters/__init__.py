@@ -17,6 +17,9 @@ A module of a format holds
 ``report(packing, options)``, where writing changes the grains
     Returns what it did to them, as JSON values for the manifest.
 
+Options that all formats have (`SHARED`) are done before: ``min_edge`` gives each the grains of `grainsdem.merge_edges`.
+What puts a skin around grains has a field of that name besides, for the cores.
+
 Other distributions add formats through entry points of the group ``grainsdem.exporters``: the name of the format, and a
 module as above with ``SUFFIXES`` besides, a tuple, empty for a format that is a folder.
 """
@@ -27,13 +30,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from exporters import manifest, programs
-from exporters.formats import FORMATS, Format, find, find_for, known, parted, shared
+from exporters.formats import FORMATS, SHARED, Format, find, find_for, known, parted, shared
 from exporters.programs import PROGRAMS, opening
 from exporters.reading import READERS, read, rounding
 from exporters.replays import replay
 from grainsdem.atomic import write_all
 from grainsdem.errors import InputError, RefusedError
 from grainsdem.gate import gated
+from grainsdem.packing import merge_edges
 
 if TYPE_CHECKING:
     import os
@@ -44,8 +48,8 @@ if TYPE_CHECKING:
     from grainsdem.model import Packing
 
 __all__ = [
-    "FORMATS", "PROGRAMS", "READERS", "Format", "files", "find", "known", "module_for", "opening", "options_for",
-    "read", "replay", "rounding", "write",
+    "FORMATS", "PROGRAMS", "READERS", "SHARED", "Format", "files", "find", "known", "module_for", "opening",
+    "options_for", "read", "replay", "rounding", "write",
 ]  # fmt: skip
 
 
@@ -59,6 +63,7 @@ def write(
     program: str | None = None,
     name: str = "bed",
     overwrite: bool = True,
+    min_edge: float | None = None,
     **options: Any,
 ) -> list[Path]:
     """Write a packing: one file whose suffix picks the format, or a folder with many formats and a manifest.
@@ -81,6 +86,9 @@ def write(
         Name of the files in a folder, without suffix.
     overwrite : bool
         Whether files that exist are replaced.
+    min_edge : float, optional
+        Shortest edge of a grain, in its diameters: shorter ones are merged before (`grainsdem.merge_edges`), in every
+        format alike. The manifest says under ``provenance`` what that took.
     **options
         Fields of the format's options, `exporters.mjcf.MjcfOptions` for one; with many formats each gets those that it
         has.
@@ -108,6 +116,7 @@ def write(
         wanted = programs.program(program)
         path, format = programs.path_for(path, wanted, program), wanted.format  # noqa: A001
         options = {**wanted.options, **options}
+    packing, options = _prepared(packing, min_edge, options)
     if formats is None:
         found = find_for(path, format)
         return write_all(path.parent, _content(packing, found, path.stem, options), overwrite=overwrite)
@@ -125,6 +134,7 @@ def files(
     suffix: str,
     *,
     name: str = "bed",
+    min_edge: float | None = None,
     **options: Any,
 ) -> dict[str, bytes]:
     """Return what `write` would write: file name to bytes.
@@ -137,14 +147,15 @@ def files(
         Format, as a suffix (``".usda"``) or a name (``"usd"``).
     name : str
         Name of the files without suffix.
-    **options
-        Fields of the format's options.
+    min_edge, **options
+        As of `write`.
 
     Raises
     ------
     InputError
         As `write`.
     """
+    packing, options = _prepared(packing, min_edge, options)
     written = _content(packing, find(suffix), name, options)
     return {file: part if isinstance(part, bytes) else b"".join(part) for file, part in written.items()}
 
@@ -153,6 +164,13 @@ def files(
 def module_for(suffix: str) -> ModuleType:
     """Return the module that writes files of a suffix, imported when it is needed."""
     return find(suffix).module
+
+
+def _prepared(packing: Packing, min_edge: float | None, options: dict[str, Any]) -> tuple[Packing, dict[str, Any]]:
+    """Return the grains as every format gets them, and the options with those that all have."""
+    if min_edge is None:
+        return packing, options
+    return merge_edges(packing, min_edge).packing, {**options, "min_edge": min_edge}
 
 
 def _content(packing: Packing, found: Found, name: str, options: dict[str, Any]) -> dict[str, Any]:

@@ -7,8 +7,11 @@ from importlib import import_module
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
+
 from grainsdem.errors import InputError
 from grainsdem.gate import gated
+from grainsdem.packing.blunting import check_min_edge
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -18,6 +21,10 @@ if TYPE_CHECKING:
 
 GROUP = "grainsdem.exporters"
 """Entry points of this group are formats of other distributions: name to module."""
+
+
+SHARED = ("min_edge",)
+"""Options that all formats have: what they say is done before."""
 
 
 class Format(NamedTuple):
@@ -144,16 +151,37 @@ def _load(entry: EntryPoint) -> ModuleType:
 
 def shared(found: Sequence[Found], options: Mapping[str, Any]) -> list[Any]:
     """Return the options of each format: those of the given that it has."""
+    if options.get("min_edge") is not None:
+        check_min_edge(options["min_edge"])
+    names = [_names(one) for one in found]
     parts = parted(found, options)
-    return [one.module.Options(**part) for one, part in zip(found, parts, strict=True)]
+    for one, part in zip(found, parts, strict=True):
+        _check_switches(one, part)
+    return [
+        one.module.Options(**{key: value for key, value in part.items() if key in own})
+        for one, own, part in zip(found, names, parts, strict=True)
+    ]
+
+
+def _check_switches(one: Found, given: Mapping[str, Any]) -> None:
+    """Raise `InputError` where an option that is on or off is neither: any word would be on."""
+    for field in fields(one.module.Options):
+        value = given.get(field.name, False)
+        if field.type in {"bool", bool} and not isinstance(value, (bool, np.bool_)):
+            raise InputError(f"{field.name} of {one.suffix or one.name} must be true or false; got {value!r}")
+
+
+def _names(one: Found) -> list[str]:
+    """Return the names of the options that a format has of its own."""
+    return [field.name for field in fields(one.module.Options)]
 
 
 def parted(found: Sequence[Found], options: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Return which of the given options each format has; all must be known."""
-    known_to = [{field.name for field in fields(one.module.Options)} for one in found]
+    known_to = [[*_names(one), *SHARED] for one in found]
     unknown = [option for option in options if not any(option in names for names in known_to)]
     if unknown:
-        names = dict.fromkeys(field.name for one in found for field in fields(one.module.Options))
+        names = dict.fromkeys(name for one in known_to for name in one)
         formats = ", ".join(one.suffix or one.name for one in found) or "no format"
         raise InputError(f"{formats} has no option {', '.join(unknown)}; it has {', '.join(names)}")
     return [{key: value for key, value in options.items() if key in names} for names in known_to]

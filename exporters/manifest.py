@@ -61,7 +61,7 @@ def together(
         folder = "" if one.suffix or len(found) == 1 else f"{one.name}/"
         try:
             written = one.module.files(packing, name=name, suffix=one.suffix, options=chosen)
-            report = {"report": one.module.report(packing, chosen)} if hasattr(one.module, "report") else {}
+            told = one.module.report(packing, chosen) if hasattr(one.module, "report") else {}
         except WriteError:
             raise
         except GrainsDEMError as error:
@@ -80,7 +80,7 @@ def together(
             "options": asdict(chosen),
             "units": one.module.factors(packing, chosen) if hasattr(one.module, "factors") else _SI,
             "loses": list(one.module.LOSES),
-            **report,
+            **({"report": told} if told else {}),
             "files": list(named),
         })  # fmt: skip
     content[NAME] = _text(packing, name, rows, refused, digests)

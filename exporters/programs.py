@@ -105,6 +105,10 @@ program call "{file}\""""),
 """Programs by name. Those that no test opens a file with are told in the table of formats."""
 
 
+VOXELS = ("lbm", "palabos", "openlb", "porespy", "openpnm")
+"""Programs that take voxels, which are no format of export."""
+
+
 def program(name: str) -> Program:
     """Return a program by name.
 
@@ -113,6 +117,8 @@ def program(name: str) -> Program:
     InputError
         If there is no such program; the message lists those that are known.
     """
+    if name.lower() in VOXELS:
+        raise InputError(f"{name} reads voxels: grainsdem voxels BED out.nrrd, or .raw, --per-diameter 20")
     found = PROGRAMS.get(name.lower())
     if found is None:
         raise InputError(f"no program has the name {shown(name)}; known are {', '.join(PROGRAMS)}")

@@ -7,8 +7,9 @@ import numpy as np
 from solids import place, polyhedra
 
 import exporters
+from exporters.check import shapes_of
 from exporters.mjcf import units
-from grainsdem.model import Domain
+from grainsdem.model import Domain, Packing
 from grainsdem.packing import carve, rescale, shrink
 from grainsdem.points import poisson
 from grainsdem.tessellation import relax, tessellate
@@ -51,3 +52,9 @@ def check_golden(packing, format_, *names):
         kept = GOLDEN / name.replace(".py", ".py.txt")
         assert made[name].decode() == kept.read_text(), f"{name} is not what it was"
     return made
+
+
+def some(packing, n):
+    """Return the first grains of a packing."""
+    parts = packing.positions[:n], packing.quaternions[:n], packing.densities[:n]
+    return Packing(shapes_of(packing.grains, 0, n), *parts, packing.domain)

@@ -39,6 +39,7 @@ PROGRAMS = {
     "Gmsh": (["gmsh", "--version"], r"(\d[\d.]*)"),
     "LAMMPS": (["lmp", "-h"], r"Simulator - (\d+ \w+ \d+)"),
     "Yade": (["yade", "--version"], r"(\d[\w.]*)"),
+    "Gazebo's parser": (["ign", "sdf", "--versions"], r"(\d[\d.]*)"),
     "OpenFOAM": (["simpleFoam", "-help"], r"OpenFOAM-(\d+)|Version:? *v?(\d+)"),
 }
 """Programs: how they are asked for their version, and where it stands in what they say."""

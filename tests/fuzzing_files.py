@@ -35,6 +35,7 @@ import grainsdem as gd
 from exporters.meshes.stl import RECORD, TABLE
 from exporters.openfoam.flow import flow
 from exporters.reading.stages import arrays as read_stage
+from exporters.void.tetrahedra import quality
 from grainsdem import apart, storage
 from grainsdem.dynamics.checkpoint import load_checkpoint
 from grainsdem.dynamics.experiments.parts.joined.driving import table_driver
@@ -146,6 +147,7 @@ READ = {
     "drive": lambda path: table_driver(str(path), "speed"),
     "part": lambda path: read_fragment(str(path)),
     "case": read_case,
+    "tetrahedra": quality,
 }
 """Every reader by a name for what it reads; the stage is that of USD without the process that shields from it."""
 
@@ -257,6 +259,25 @@ throats = {fraction = 0.3}
 
 TRIANGLES = b"grain,first_triangle,n_triangles,class\n0,0,4,2\n"
 
+MSH = b"""$MeshFormat
+2.2 0 8
+$EndMeshFormat
+$Nodes
+5
+1 0 0 0
+2 1e-3 0 0
+3 0 1e-3 0
+4 0 0 1e-3
+7 -1e-3 0 0
+$EndNodes
+$Elements
+3
+1 15 2 0 1 1
+2 4 2 5 1 1 2 3 4
+3 4 2 5 1 1 3 7 4
+$EndElements
+"""
+
 SURVEY = b'[survey]\nrepeats = 2\nvary = {"grains.porosity" = [0.4, 0.5]}\n'
 
 SHEET = b"sieve (mm),passing (%)\n4,100\n2,80\n1,30\n0.5,5\n"
@@ -342,6 +363,7 @@ def formats(folder):
         "survey-table": Format(".csv", [b"case,porosity,name\n0,0.4,a\n1,0.5,b\n"], "survey table", is_text=True),
         "checkpoint": Format(".npz", [spoken.getvalue()], "checkpoint"),
         "drive": Format(".csv", [b"time,turn:speed\n0,0\n1,2.5\n"], "drive", is_text=True),
+        "tetrahedra": Format(".msh", [MSH], "tetrahedra", is_text=True),
         "part": Format(".xml", [PART], "part", is_text=True),
         "case": Format(".json", [json.dumps(CASE).encode()], "case", is_text=True),
     }

@@ -90,8 +90,19 @@ def test_a_suffix_in_capitals_is_the_same_format_under_the_name_that_was_asked_f
 
 
 def test_an_unknown_option_is_refused_with_the_known_ones(fresh):
-    with pytest.raises(InputError, match=r"\.stl has no option friction; it has binary, per_grain, origin, units"):
+    with pytest.raises(
+        InputError, match=r"\.stl has no option friction; it has binary, per_grain, merge, origin, units, min_edge"
+    ):
         exporters.files(fresh, ".stl", friction=0.5)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "name"), [(".stl", "binary"), (".glb", "merge"), (".vtu", "by_corners"), (".xml", "split")]
+)
+@pytest.mark.parametrize("value", ["no", 0, 1.0, None])
+def test_what_is_on_or_off_takes_no_other_word(fresh, suffix, name, value):
+    with pytest.raises(InputError, match=rf"{name} of \{suffix} must be true or false; got"):
+        exporters.files(fresh, suffix, **{name: value})
 
 
 def test_an_existing_file_is_kept_where_it_must_not_be_replaced(cube, tmp_path):

@@ -82,11 +82,11 @@ def test_groups_of_others_in_obj_are_no_classes(tmp_path):
 
 
 @pytest.mark.unit
-def test_ply_has_them_on_every_triangle(bed, tmp_path):
+def test_ply_has_them_on_every_vertex(bed, tmp_path):
     trimesh = pytest.importorskip("trimesh")
     path = tmp_path / "bed.ply"
     exporters.write(bed, path)
-    raw = trimesh.load(path, process=False).metadata["_ply_raw"]["face"]["data"]
+    raw = trimesh.load(path, process=False).metadata["_ply_raw"]["vertex"]["data"]
     assert np.array_equal(np.array(CLASSES)[np.ravel(raw["grain"])], np.ravel(raw["class"]))
     assert set(np.ravel(raw["grain"]).tolist()) == set(range(5))
 
@@ -95,7 +95,7 @@ def test_ply_has_them_on_every_triangle(bed, tmp_path):
 def test_ply_has_them_on_every_polygon(bed, tmp_path):
     pyvista = pytest.importorskip("pyvista")
     path = tmp_path / "bed.ply"
-    exporters.write(bed, path, polygons=True)
+    exporters.write(bed, path, polygons=True, double=False, ids="face")
     assert pyvista.read(path).n_cells == bed.grains.n_faces
     body = path.read_bytes().partition(b"end_header\n")[2][12 * len(bed.grains.vertices) :]
     marks, at = [], 0

@@ -1,5 +1,6 @@
 """LAMMPS: the script is run as it stands, and what LAMMPS writes back is compared."""
 
+import json
 import subprocess
 from dataclasses import replace
 
@@ -10,6 +11,7 @@ from conftest import cube_packing
 from scipy.spatial import ConvexHull
 from solids import place, polyhedra
 
+import exporters
 from exporters.dem.lammps import quads
 from exporters.units import units
 from grainsdem.errors import InputError
@@ -98,6 +100,24 @@ def test_lammps_holds_every_grain_where_it_was_with_its_mass_inertia_and_core(lm
                 sum(np.cross(ring[k - 1] - ring[0], ring[k] - ring[0]) for k in range(len(ring)))
             )
         assert area == pytest.approx(ConvexHull(vertices).area, rel=1e-4)
+
+
+def test_both_files_and_the_manifest_say_how_much_smaller_cores_are_than_their_grains(tmp_path):
+    bed = small_bed(1e-3)
+    exporters.write(bed, tmp_path, formats="lammps", rounding=0.02)
+    told = json.loads((tmp_path / "manifest.json").read_text())["formats"][0]["report"]
+    _, bodies = read_back(tmp_path / "bed.data")
+    cores = np.array([ConvexHull(bodies[i + 1][1]).volume for i in range(len(bed))]) * units(bed).length ** 3
+    sharp = integrate(bed.grains).volumes
+    assert told["core_volume_lost"] == pytest.approx(1 - cores.sum() / sharp.sum(), rel=1e-6)
+    assert told["largest_core_volume_lost_by_a_grain"] == pytest.approx((1 - cores / sharp).max(), rel=1e-6)
+    assert told["core_volume_lost"] > 50 * told["volume_lost"]
+    line = (
+        f"# The polyhedra here are cores, without the sphere that rounds them: {100 * told['core_volume_lost']:.4g} % "
+        f"less volume than the grains, {100 * told['largest_core_volume_lost_by_a_grain']:.4g} % less than one at most."
+    )
+    for name in ("bed.in", "bed.data"):
+        assert line in (tmp_path / name).read_text().splitlines()[:12]
 
 
 @pytest.mark.parametrize("diameter", SIZES)

@@ -5,6 +5,7 @@ import json
 import subprocess
 
 import lib3mf
+import meshio
 import numpy as np
 import pytest
 import pyvista
@@ -20,6 +21,7 @@ from grainsdem.measures import table
 from grainsdem.model import Domain, Packing, Polyhedra
 from grainsdem.packing import carve, rescale, shrink
 from grainsdem.points import poisson
+from grainsdem.ragged import owners
 from grainsdem.tessellation import tessellate
 
 SUFFIXES = [".ply", ".glb", ".3mf", ".vtp", ".vtu", ".msh"]
@@ -110,17 +112,86 @@ def test_a_time_series_of_no_time_or_of_other_grains_is_refused(fresh):
 @pytest.mark.opens("ply", "VTK", "counted")
 def test_trimesh_reads_a_closed_ply_and_vtk_the_polygons(fresh, tmp_path, diameter):
     packing = sized(fresh, diameter)
-    total = volumes(packing.grains).sum()
+    expected = volumes(packing.grains)
     mesh = trimesh.load(written(packing, tmp_path, ".ply"), process=False)
     assert mesh.is_watertight
     assert mesh.is_winding_consistent
     assert mesh.body_count == len(packing)
-    assert mesh.volume == pytest.approx(total, rel=1e-6)
-    grains = mesh.metadata["_ply_raw"]["face"]["data"]["grain"].ravel()
-    np.testing.assert_array_equal(np.unique(grains), np.arange(len(packing)))
-    polygons = pyvista.read(written(packing, tmp_path, ".ply", polygons=True, double=True))
+    assert mesh.volume == pytest.approx(expected.sum(), rel=1e-12)
+    ids = mesh.metadata["_ply_raw"]["vertex"]["data"]["grain"].ravel()[mesh.faces]
+    assert (ids == ids[:, :1]).all()
+    np.testing.assert_allclose(solid_volumes(mesh, ids[:, 0], len(packing)), expected, rtol=1e-10)
+    polygons = pyvista.read(written(packing, tmp_path, ".ply", polygons=True))
     assert polygons.n_cells == packing.grains.n_faces
-    assert polygons.volume == pytest.approx(total, rel=1e-6)
+    assert polygons.volume == pytest.approx(expected.sum(), rel=1e-6)
+
+
+def solid_volumes(mesh, owner, n):
+    """Return the volume that the triangles of each of n grains enclose."""
+    corners = mesh.triangles - mesh.bounds.mean(axis=0)
+    parts = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6
+    return np.bincount(owner, parts, minlength=n)
+
+
+@pytest.mark.client
+@pytest.mark.opens("ply", "meshio", "counted", "weighed")
+def test_meshio_reads_ply_with_the_grain_of_every_vertex(fresh, tmp_path):
+    mesh = meshio.read(written(fresh, tmp_path, ".ply"))
+    assert np.array_equal(mesh.points, world_vertices(fresh))
+    assert np.array_equal(mesh.point_data["grain"], owners(fresh.grains.vertex_offsets))
+    [block] = mesh.cells
+    ids = mesh.point_data["grain"][block.data]
+    assert (ids == ids[:, :1]).all()
+    again = trimesh.Trimesh(mesh.points, block.data, process=False)
+    np.testing.assert_allclose(solid_volumes(again, ids[:, 0], len(fresh)), volumes(fresh.grains), rtol=1e-10)
+    bare = meshio.read(written(fresh, tmp_path, ".ply", ids="none", double=False))
+    assert bare.points.dtype == np.float32
+    assert np.array_equal(bare.cells[0].data, block.data)
+
+
+@pytest.mark.client
+@pytest.mark.opens("ply", "Gmsh", "weighed")
+def test_gmsh_reads_ply_of_single_precision_without_ids(program, fresh, tmp_path):
+    path = written(fresh, tmp_path, ".ply", ids="none", double=False)
+    done = subprocess.run(
+        [program("gmsh", "gmsh"), "-2", "-format", "msh2", "-o", "read.msh", path.name],
+        cwd=tmp_path, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert "Error" not in done.stdout + done.stderr
+    mesh = meshio.read(tmp_path / "read.msh")
+    surface = trimesh.Trimesh(mesh.points, mesh.cells_dict["triangle"])
+    assert surface.is_watertight
+    assert surface.volume == pytest.approx(volumes(fresh.grains).sum(), rel=1e-6)
+
+
+@pytest.mark.client
+@pytest.mark.opens("vtk", "meshio", "counted", "weighed")
+def test_meshio_reads_polyhedra_with_their_measures_where_they_are_sorted_by_corners(fresh, tmp_path):
+    path = written(fresh, tmp_path, ".vtu", by_corners=True, precision="double")
+    mesh, rows = meshio.read(path), table(fresh)
+    n_corners, found = np.diff(fresh.grains.vertex_offsets), []
+    for block, ids, masses in zip(mesh.cells, mesh.cell_data["id"], mesh.cell_data["mass"], strict=True):
+        assert len(block.data) == len(ids)
+        np.testing.assert_array_equal(masses, rows["mass"][ids])
+        for faces, i in zip(block.data, ids, strict=True):
+            assert len(faces) == len(fresh.grains.faces_of(i))
+            corners = np.unique(np.concatenate(faces))
+            assert len(corners) == n_corners[i]
+            np.testing.assert_allclose(mesh.points[corners].mean(axis=0), centres(fresh)[i], rtol=1e-9)
+        found += ids.tolist()
+    assert sorted(found) == list(range(len(fresh)))
+    grid = pyvista.read(path)
+    order = grid.cell_data["id"]
+    measured = grid.compute_cell_sizes(length=False, area=False).cell_data["Volume"]
+    np.testing.assert_allclose(measured, volumes(fresh.grains)[order], rtol=1e-9)
+    polygons = pyvista.read(written(fresh, tmp_path, ".vtp", by_corners=True))
+    np.testing.assert_array_equal(polygons.cell_data["id"], np.repeat(order, np.diff(fresh.grains.face_offsets)[order]))
+
+
+def centres(packing):
+    """Return the mean of each grain's vertices in the world."""
+    offsets = packing.grains.vertex_offsets
+    return np.add.reduceat(world_vertices(packing), offsets[:-1]) / np.diff(offsets)[:, None]
 
 
 @pytest.mark.client

@@ -155,12 +155,12 @@ def test_the_scoop_of_a_robot_in_si_bears_what_is_in_it():
     import mujoco
 
     arm = runpy.run_path(str(Path(__file__).parents[1] / "examples" / "arm.py"))
-    model = arm["scene_with"](arm["make_bed"](80))
+    model = arm["scene_with"](arm["make_bed"](50))
     data = mujoco.MjData(model)
     force = arm["follow"](model, data)
     grains = [b for b in range(model.nbody) if model.body(b).name.startswith("gravel_g")]
     lifted = [b for b in grains if data.xpos[b, 2] > 0.06]
-    assert len(grains) == 80
-    assert len(lifted) > 5
+    assert len(grains) == 50
+    assert len(lifted) > 2
     assert not np.any(data.warning.number)
     assert force / 9.81 - arm["SCOOP"] == pytest.approx(model.body_mass[lifted].sum(), rel=0.01)

@@ -148,6 +148,95 @@ def test_grains_of_a_periodic_bed_reach_in_from_the_other_side():
     assert case["porosity"] == pytest.approx(0.5, abs=1e-9)
 
 
+def tiled(n=12, periodic=(True, True, True), **shrinking):
+    domain = Domain(np.zeros(3), np.full(3, 3e-3), periodic=periodic)
+    cells = tessellate(relax(poisson(domain, n, rng=4), domain, iterations=5), domain)
+    return shrink(carve(cells), **shrinking)
+
+
+@pytest.mark.unit
+@pytest.mark.parametrize(
+    "contact", ["shrink", *(pytest.param(k, marks=pytest.mark.slow) for k in ("cap", "bridge", "union"))]
+)
+def test_opposite_faces_of_a_periodic_cell_are_one(contact):
+    # Gaps are about the one asked for: images of a grain must be treated alike.
+    bed = tiled(n=30, scale=0.9)
+    content, case = case_of(bed, region="periodic", contact=contact, gap=0.1e-3, cells=60)
+    assert case["periodic"]
+    assert case["near_contacts"] > 10
+    parts = {}
+    for text in content["void.stl"].decode().split("endsolid")[:-1]:
+        name = re.search(r"solid (\w+)\nfacet", text)[1]
+        parts[name] = np.array(re.findall(r"vertex (\S+) (\S+) (\S+)", text), float).reshape(-1, 3, 3)
+    assert set(parts) == {"grains", *(f"{axis}_{side}" for axis in "xyz" for side in ("lower", "upper"))}
+    for k, axis in enumerate("xyz"):
+        corners = [np.unique(parts[f"{axis}_{side}"].reshape(-1, 3), axis=0) for side in ("lower", "upper")]
+        shifted = corners[0] + 3e-3 * np.eye(3)[k]
+        for a, b in ((shifted, corners[1]), (corners[1], shifted)):
+            # A corner of one is a corner of the other, or lies on an edge of it that is cut in two.
+            away = np.linalg.norm(a[:, None] - b[None], axis=2).min(axis=1)
+            assert (away < 1e-9).mean() > 0.9
+        areas = [
+            np.linalg.norm(trimesh.triangles.cross(parts[f"{axis}_{side}"]), axis=1).sum()
+            for side in ("lower", "upper")
+        ]
+        assert areas[0] == pytest.approx(areas[1], rel=1e-6)
+
+
+@pytest.mark.unit
+def test_each_grain_has_a_patch_of_its_own_where_asked(monkeypatch):
+    bed = tiled(porosity=0.5)
+    content, _ = case_of(bed, region="periodic", cells=10, per_grain=True, void_mesh=False)
+    names = re.findall(r"^solid (\w+)$", content["constant/triSurface/grains.stl"].decode(), re.MULTILINE)
+    # Twelve grains, with all their images.
+    assert names == [f"g{i:06d}" for i in range(12)]
+    one, _ = case_of(bed, region="periodic", cells=10, void_mesh=False)
+    areas = [surface(part).area for part in (content, one)]
+    assert areas[0] == pytest.approx(areas[1], rel=1e-6)
+    assert "inGroups (grains)" in content["system/snappyHexMeshDict"].decode()
+    with pytest.raises(
+        InputError, match="per_grain needs grains that stay apart: contact shrink, cap or none; got 'union'"
+    ):
+        case_of(bed, region="periodic", contact="union", per_grain=True)
+    monkeypatch.setattr(openfoam, "MOST_PATCHES", 5)
+    with pytest.raises(InputError, match="a patch a grain, at most 5; got 12 grains"):
+        case_of(bed, region="periodic", cells=10, per_grain=True)
+
+
+@pytest.mark.client
+@pytest.mark.parametrize(("contact", "processes"), [("shrink", "1"), ("cap", "2")])
+def test_openfoam_has_a_patch_a_grain_and_runs_in_parallel_too(contact, processes, program, tmp_path):
+    program("simpleFoam", "openfoam")
+    program("mpirun", "openmpi-bin")
+    bed = cube_packing([[3.0, 5, 5], [7, 5, 5], [5, 5, 9], [5, 1, 1.2]])
+    # The last two are cut by the box.
+    exporters.write(bed, tmp_path, formats="openfoam", region=BOX, cells=5, per_grain=True, contact=contact)
+    result = subprocess.run(
+        ["./Allrun", processes], cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True, check=False
+    )
+    assert result.returncode == 0, result.stdout[-2000:] + result.stderr[-500:]
+    patches = re.findall(
+        r"(\w+)\n +{\n +type +wall;\n +inGroups[^(]*\(grains wall\);\n +nFaces +(\d+)",
+        (tmp_path / "constant/polyMesh/boundary").read_text(),
+    )
+    assert [name for name, _ in patches] == [f"grains_g{i:06d}" for i in range(4)]
+    assert all(int(faces) > 20 for _, faces in patches)
+    assert openfoam.flow(tmp_path).is_steady
+
+
+@pytest.mark.unit
+def test_a_cell_that_is_periodic_along_the_flow_only_has_sides():
+    content, _ = case_of(tiled(periodic=(False, False, True), n=40, porosity=0.5), region="periodic", cells=10)
+    mesh, velocity, pressure = (content[name].decode() for name in ("system/blockMeshDict", "0.orig/U", "0.orig/p"))
+    assert "z_lower { type cyclic; neighbourPatch z_upper; faces ((0 3 2 1)); }" in mesh
+    assert "x_lower { type wall; inGroups (sides); faces ((0 4 7 3)); }" in mesh
+    assert "sides { type noSlip; }" in velocity
+    for text in (mesh, velocity, pressure):
+        assert "inlet" not in text
+        assert "outlet" not in text
+    assert "injectionRateSuSp { U ((0 0 " in content["constant/fvOptions"].decode()
+
+
 @pytest.mark.unit
 def test_a_cylinder_brings_its_walls():
     domain = Domain.cylinder(1.0, 2.0, sides=16)
@@ -177,9 +266,10 @@ def test_the_same_packing_gives_the_same_bytes(fresh):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"region": "middle"}, "'core', 'bed' or the two corners"),
+        ({"region": "middle"}, "'core', 'bed', 'periodic' or the two corners"),
+        ({"region": "periodic"}, "region='periodic' needs a bed that is periodic along the flow, z"),
         ({"region": ([0, 0, 0], [1, 1, 1])}, "the box must lie in the domain"),
-        ({"region": ([0, 0], [1, 1])}, "'core', 'bed' or the two corners"),
+        ({"region": ([0, 0], [1, 1])}, "'core', 'bed', 'periodic' or the two corners"),
         ({"axis": "w"}, "axis must be one of x, y, z; got 'w'"),
         ({"contact": "glue"}, "contact must be one of shrink, cap, bridge, union, none; got 'glue'"),
         ({"gap": -1.0}, "gap must be positive"),
@@ -235,6 +325,15 @@ def test_permeability_is_darcys(tmp_path, fresh):
     assert found.is_steady
     table.write_text("# Time\tsum(phi)\n1\t5e-13\n2\t1e-12\n")
     assert not openfoam.flow(tmp_path).is_steady
+    # Of a periodic cell, the integral of velocity in place of the flow rate.
+    (tmp_path / "case.json").write_text(json.dumps({**case, "periodic": True}))
+    with pytest.raises(MissingFileError, match="holds no flow rate"):
+        openfoam.flow(tmp_path)
+    table = tmp_path / "postProcessing" / "drift" / "0" / "volFieldValue.dat"
+    table.parent.mkdir(parents=True)
+    drift = 1e-12 * size[2]
+    table.write_text(f"# Time\tvolIntegrate(U)\n1\t(0 0 {drift:.12g})\n2\t(1e-15 -2e-15 {drift:.12g})\n")
+    assert openfoam.flow(tmp_path).permeability == pytest.approx(found.permeability)
 
 
 @pytest.mark.unit
@@ -298,6 +397,11 @@ def test_openfoam_runs_the_case_as_it_stands_and_finds_the_permeability_of_kozen
     assert result.returncode == 0, result.stdout[-2000:] + result.stderr[-500:]
     case = json.loads((tmp_path / "case.json").read_text())
     told = (tmp_path / "log.checkMesh").read_text()
+    assert "Mesh OK." in told
+    lower, upper = (np.array(corner.split(), float) for corner in re.search(r"box \((.*?)\) \((.*?)\)", told).groups())
+    # To the digits of single precision, which the surfaces have.
+    np.testing.assert_allclose(lower, case["lower"], atol=1e-6 * case["mean_diameter"])
+    np.testing.assert_allclose(upper, case["upper"], atol=1e-6 * case["mean_diameter"])
     void = float(re.search(r"Total volume = (\S+)\.\s", told)[1]) / np.prod(np.subtract(case["upper"], case["lower"]))
     # The mesh holds the void that the geometry has, but for the narrowest gaps.
     assert void == pytest.approx(case["porosity"], abs=0.01)
@@ -305,6 +409,28 @@ def test_openfoam_runs_the_case_as_it_stands_and_finds_the_permeability_of_kozen
     assert found.is_steady
     assert 0.5 < found.permeability / found.kozeny_carman < 2
     assert found.reynolds < 0.1
+
+
+@pytest.mark.client
+@pytest.mark.opens("openfoam", "OpenFOAM", "meshed", "stepped")
+def test_a_periodic_cell_has_the_permeability_of_its_box_without_the_ends(program, tmp_path):
+    program("simpleFoam", "openfoam")
+    bed = tiled(porosity=0.5)
+    found = {}
+    for name, region in (("cell", "periodic"), ("box", (bed.domain.lower, bed.domain.upper))):
+        folder = tmp_path / name
+        exporters.write(bed, folder, formats="openfoam", region=region, cells=12, void_mesh=False)
+        result = subprocess.run(["./Allrun"], cwd=folder, env=ENVIRONMENT, capture_output=True, text=True, check=False)
+        assert result.returncode == 0, result.stdout[-2000:] + result.stderr[-500:]
+        found[name] = openfoam.flow(folder)
+        assert found[name].is_steady
+    assert "Mesh OK." in (tmp_path / "cell" / "log.checkMesh").read_text()
+    mesh = (tmp_path / "cell" / "constant" / "polyMesh" / "boundary").read_text()
+    assert mesh.count(" cyclic;") == 6
+    faces = re.findall(r"[xyz]_\w+\n[^}]*?nFaces +(\d+);", mesh)
+    assert faces[::2] == faces[1::2]
+    assert found["cell"].permeability == pytest.approx(found["box"].permeability, rel=0.2)
+    assert 0.5 < found["cell"].permeability / found["cell"].kozeny_carman < 2
 
 
 @pytest.mark.client
@@ -316,3 +442,19 @@ def test_a_mesh_too_coarse_for_the_throats_is_told(program, tmp_path):
     result = subprocess.run(["./Allrun"], cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True, check=False)
     assert result.returncode == 1
     assert "The mesh reaches no inlet: it is too coarse for the throats" in result.stderr
+
+
+@pytest.mark.client
+def test_a_mesh_that_openfoam_finds_unsound_is_told_and_not_run(program, tmp_path):
+    real = program("checkMesh", "openfoam")
+    exporters.write(touching(gap=0.5), tmp_path, formats="openfoam", region=BOX, cells=5)
+    # The same check, as it would end for a skew mesh.
+    (tmp_path / "bin").mkdir()
+    check = tmp_path / "bin" / "checkMesh"
+    check.write_text(f"#!/bin/sh\n{real} | sed 's/^Mesh OK.*/ ***Max skewness = 17, 8 highly skew faces/'\n")
+    check.chmod(0o755)
+    path = {**ENVIRONMENT, "PATH": f"{check.parent}:{ENVIRONMENT['PATH']}"}
+    result = subprocess.run(["./Allrun"], cwd=tmp_path, env=path, capture_output=True, text=True, check=False)
+    assert result.returncode == 1
+    assert "checkMesh finds the mesh unsound:\nMax skewness = 17, 8 highly skew faces\n" in result.stderr
+    assert not (tmp_path / "log.simpleFoam").exists()

@@ -7,27 +7,23 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from beds import some
 from typer.testing import CliRunner
 
 import exporters
 from exporters import usd
-from exporters.check import shapes_of
 from exporters.formats import FORMATS, find
 from exporters.programs import PROGRAMS
 from exporters.usd import UsdOptions
 from grainsdem.cli import app
 from grainsdem.dynamics import settle
 from grainsdem.errors import InputError
-from grainsdem.model import Packing
 from grainsdem.storage import save
 
 
 @pytest.fixture(scope="module")
 def few(fresh):
-    """A dozen grains."""
-    return Packing(
-        shapes_of(fresh.grains, 0, 12), fresh.positions[:12], fresh.quaternions[:12], fresh.densities[:12], fresh.domain
-    )
+    return some(fresh, 12)
 
 
 @pytest.mark.unit
@@ -68,6 +64,7 @@ def test_the_lines_have_step_and_gravity_in_units_of_the_file(few, tmp_path):
 @pytest.mark.parametrize(
     ("path", "options", "message"),
     [
+        ("bed", {"program": "lbm"}, "lbm reads voxels: grainsdem voxels BED out.nrrd"),
         ("bed", {"program": "blendr"}, r"no program has the name 'blendr'; known are mujoco, .*, 3dec"),
         ("bed.stl", {"program": "newton"}, r"bed.stl: for newton a bed is written as usd, with the suffix .usdc, .*or"),
         ("bed", {"program": "newton", "format": "stl"}, "a program picks the format; got the program newton and"),
@@ -128,7 +125,7 @@ def test_the_lines_for_drake_and_pybullet_run(few, tmp_path, name, begin):
 
 @pytest.fixture(scope="module")
 def rested(fresh):
-    return settle(fresh, friction=0.3, rng=1).packing
+    return settle(some(fresh, 60), friction=0.3, rng=1).packing
 
 
 @pytest.mark.slow

@@ -11,10 +11,11 @@ from scipy.spatial.transform import Rotation
 
 import exporters
 from exporters.dem.bodies import bodies, rounded
+from exporters.rest import Rest, resting
 from grainsdem.errors import InputError
 from grainsdem.geometry.rotations import random_quaternions, world_vertices
 from grainsdem.model import Domain
-from grainsdem.packing import carve, shrink
+from grainsdem.packing import carve, shrink, subset
 from grainsdem.points import poisson
 from grainsdem.tessellation import tessellate
 
@@ -98,13 +99,56 @@ def read_conf(path):
         "knContact", "en2Contact", "ktContact", "muContact", "krContact", "murContact", "nDriven", "shapeFile",
     }  # fmt: skip
     assert must <= set(settings)
-    for key in ("knContact", "en2Contact", "ktContact", "muContact", "krContact", "murContact"):
-        assert {(a, b) for a, b, _ in settings[key]} == {("0", "1"), ("1", "1")}
+    assert set(settings) <= {*must, "AddOrRemoveInteractions", *CELL}, "every keyword is one that Rockable has"
     shapes = read_shapes(path.parent / settings["shapeFile"][0][0])
     assert {name for name, _ in bodies} == set(shapes)
-    # exaDEM looks densities up by shape, Rockable by group.
-    assert [int(k) for k, _ in settings["density"]] == list(range(len(shapes)))
+    check_groups(settings, bodies, list(shapes))
+    check_cell(settings)
     return settings, bodies, shapes
+
+
+CELL = ["usePeriodicCell", "h", "vh", "ah", "mh"]
+
+
+def check_groups(settings, bodies, shapes):
+    """Assert that a pair of groups that can meet has each parameter once, since one that is not said is zero."""
+    n_driven = int(settings["nDriven"][0][0])
+    groups = [int(numbers[0]) for _, numbers in bodies]
+    fixed, free = set(groups[:n_driven]), set(groups[n_driven:])
+    assert not fixed & free
+    meet = {(min(a, b), max(a, b)) for b in free for a in fixed | free}
+    for key in ("knContact", "en2Contact", "ktContact", "muContact", "krContact", "murContact"):
+        said = [(int(a), int(b)) for a, b, _ in settings[key]]
+        assert all(a <= b for a, b in said)
+        assert len(said) == len(set(said))
+        assert meet <= set(said) <= meet | {(0, b) for b in free}
+    # exaDEM looks densities up by shape, Rockable by group.
+    assert [int(k) for k, _ in settings["density"]] == list(range(len(settings["density"])))
+    assert len(settings["density"]) >= max(len(shapes), max(groups) + 1)
+    densities = [float(value) for _, value in settings["density"]]
+    for (name, _), group in zip(bodies[n_driven:], groups[n_driven:], strict=True):
+        assert densities[shapes.index(name)] == densities[group], f"{name} weighs the same in both programs"
+
+
+def check_cell(settings):
+    """Assert the rules of a periodic cell: all of it said, no wall, and neighbours sought where images are."""
+    if not set(CELL) & set(settings):
+        return
+    assert [settings[key] for key in CELL if key not in ("h", "mh")] == [[["1"]], [["0"] * 9], [["0"] * 9]]
+    cell = np.array(settings["h"][0], float).reshape(3, 3)
+    assert (cell == np.diag(np.diag(cell))).all()
+    assert (np.diag(cell) > 0).all()
+    assert float(settings["mh"][0][0]) > 0
+    assert settings["nDriven"] == [["0"]]
+    # The tree of boxes takes no account of the images, and cells of neighbours end at the box.
+    assert settings["AddOrRemoveInteractions"] == [["bruteForce"]]
+    assert "UpdateNL" not in settings
+    assert not np.array(settings["gravity"][0], float).any()
+
+
+def law(settings, key):
+    """Return a parameter of every pair of groups."""
+    return {(int(a), int(b)): float(value) for a, b, value in settings[key]}
 
 
 def turns(numbers):
@@ -192,13 +236,115 @@ def test_a_grain_that_falls_the_bed_s_height_stops_within_one_radius_and_fifty_s
     assert float(settings["dt"][0][0]) == pytest.approx(0.02 * np.sqrt(lightest / stiffness))
 
 
-def test_densities_that_differ_are_carried_by_the_shapes_volumes(tmp_path):
-    bed = replace(two_grains(), densities=[2500.0, 5000.0])
+def of_four(**changes):
+    """Return four grains, two of the golden pair beside two more of it."""
+    pair = two_grains()
+    domain = Domain.box((16e-3, 8e-3, 16e-3))
+    rows = np.array([0, 1, 0, 1])
+    places = pair.positions[rows] + np.array([[0, 0, 0], [0, 0, 0], [8e-3, 0, 0], [8e-3, 0, 0]])
+    four = subset(pair, rows)
+    return replace(four, positions=places, domain=domain, **changes)
+
+
+@pytest.mark.parametrize("walls", ["box", "floor", "none"])
+def test_densities_and_frictions_make_groups_and_the_rougher_of_two_grains_rules(tmp_path, walls):
+    bed = of_four(densities=[2500.0, 5000.0, 5000.0, 2500.0], frictions=[0.2, 0.2, 0.6, 0.6])
+    written(bed, tmp_path / "bed.conf", walls=walls)
+    settings, bodies, shapes = read_conf(tmp_path / "bed.conf")
+    groups = {name: int(numbers[0]) for name, numbers in bodies if name.startswith("g")}
+    assert groups == {"g000000": 1, "g000001": 3, "g000002": 4, "g000003": 2}
+    densities = [float(value) for _, value in settings["density"]]
+    masses = [shapes[name]["volume"][0] * densities[group] for name, group in groups.items()]
+    assert masses == pytest.approx(np.array([48e-9, 32e-9, 48e-9, 32e-9]) * bed.densities)
+    assert shapes["g000001"]["volume"] == pytest.approx(32e-9)
+    mu, own = law(settings, "muContact"), {1: 0.2, 2: 0.6, 3: 0.2, 4: 0.6}
+    assert mu == {(a, b): max(own[b], own.get(a, 0)) for b in own for a in range(b + 1)}
+    text = (tmp_path / "bed.conf").read_text()
+    assert "# group 3 is density 5000, friction 0.2\n" in text
+
+
+def test_the_smoother_rules_where_it_is_to_and_walls_have_frictions_of_their_own(tmp_path):
+    bed = of_four(frictions=[0.2, 0.2, 0.6, 0.6])
+    walls = {"floor": 0.9, "wall_x0": 0.0, "wall_x1": 0.0}
+    written(bed, tmp_path / "bed.conf", mixing="min", wall_friction=walls)
+    settings, bodies, _ = read_conf(tmp_path / "bed.conf")
+    groups = {name: int(numbers[0]) for name, numbers in bodies}
+    mu = law(settings, "muContact")
+    assert (mu[1, 1], mu[1, 2], mu[2, 2]) == (0.2, 0.2, 0.6)
+    for name, grain, expected in (
+        ("wall_z0", 1, 0.9), ("wall_z0", 2, 0.9), ("wall_x0", 1, 0.0), ("wall_x1", 2, 0.0), ("wall_y0", 1, 0.2),
+        ("wall_y1", 2, 0.6),
+    ):  # fmt: skip
+        assert mu[tuple(sorted((groups[name], grain)))] == expected, name
+    with pytest.raises(InputError, match="the container has no lid to have a wall_friction"):
+        exporters.write(bed, tmp_path / "no.conf", wall_friction="lid=0.1")
+    assert not (tmp_path / "no.conf").exists()
+
+
+def test_a_bed_at_rest_has_the_walls_and_the_rule_that_it_came_to_rest_with(tmp_path):
+    rest = Rest(0.01, None, {"floor": 0.9}, (0.0, 0.0, -1.0), are_spheres=False, mixing="min")
+    bed = of_four(frictions=[0.2, 0.2, 0.6, 0.6]).with_step("settle", **resting(rest))
     written(bed, tmp_path / "bed.conf")
-    settings, _, shapes = read_conf(tmp_path / "bed.conf")
+    settings, bodies, _ = read_conf(tmp_path / "bed.conf")
+    floor = next(int(numbers[0]) for name, numbers in bodies if name == "wall_z0")
+    mu = law(settings, "muContact")
+    assert (mu[1, 2], mu[tuple(sorted((1, floor)))]) == (0.2, 0.9)
+
+
+def test_shapes_without_walls_still_weigh_the_same_by_group_and_by_shape(tmp_path):
+    written(of_four(densities=[2500.0, 2500.0, 2500.0, 5000.0]), tmp_path / "bed.conf", walls="none")
+    _, bodies, shapes = read_conf(tmp_path / "bed.conf")
+    assert list(shapes) == ["g000001", "g000000", "g000003", "g000002"]
+    assert [int(numbers[0]) for _, numbers in bodies] == [1, 1, 1, 2]
+
+
+def test_what_would_be_too_many_groups_is_blended_first_the_frictions_then_the_densities(tmp_path, caplog):
+    pair = two_grains()
+    rows = np.arange(102) % 2
+    many = subset(pair, rows)
+    many = replace(many, positions=many.positions + np.arange(102)[:, None] * [8e-3, 0, 0],
+                   domain=Domain.box((102 * 8e-3, 8e-3, 16e-3)))  # fmt: skip
+    rough = replace(many, frictions=np.linspace(0.1, 0.7, 102), densities=2500.0 + 500 * rows)
+    written(rough, tmp_path / "rough.conf")
+    settings, _, shapes = read_conf(tmp_path / "rough.conf")
+    assert set(law(settings, "muContact").values()) == {0.4}
+    assert "the file has their mean, 0.4" in caplog.text
+    assert shapes["g000001"]["volume"] == pytest.approx(32e-9)
+    heavy = replace(many, densities=np.linspace(2500.0, 5000.0, 102))
+    written(heavy, tmp_path / "heavy.conf")
+    settings, _, shapes = read_conf(tmp_path / "heavy.conf")
     assert {density for _, density in settings["density"]} == {"2500"}
-    assert shapes["g000000"]["volume"] == pytest.approx(48e-9)
-    assert shapes["g000001"]["volume"] == pytest.approx(2 * 32e-9)
+    assert shapes["g000101"]["volume"] == pytest.approx(2 * 32e-9)
+
+
+def test_a_bed_that_is_periodic_along_all_axes_has_a_cell_that_holds_every_image_once(tmp_path):
+    domain = Domain((1e-3, 2e-3, 3e-3), (5e-3, 7e-3, 9e-3), (True, True, True))
+    bed = shrink(carve(tessellate(poisson(domain, 400, rng=1), domain)), scale=0.9)
+    written(bed, tmp_path / "bed.conf", rounding=0.005)
+    settings, bodies, shapes = read_conf(tmp_path / "bed.conf")
+    cell = np.array(settings["h"][0], float).reshape(3, 3)
+    assert np.diag(cell) == pytest.approx([4e-3, 5e-3, 6e-3])
+    assert [name for name, _ in bodies] == [f"g{i:06d}" for i in range(len(bed))]
+    # Where they were, but for whole cells and the place of the box.
+    places = np.array([numbers[3:6] for _, numbers in bodies])
+    steps = (places - (bed.positions - domain.lower)) / domain.lengths
+    assert np.abs(steps - steps.round()).max() < 1e-9
+    assert len(np.unique(steps.round())) > 1
+    assert ((places >= 0) & (places < domain.lengths)).all()
+    # Two grains within reach of each other are so by the image that is nearest by their centres.
+    reach = [np.linalg.norm(shape["nv"], axis=1).max() + shape["radius"][0] for shape in shapes.values()]
+    assert 2 * max(reach) + float(settings["DVerlet"][0][0]) < np.diag(cell).min() / 2
+    written(bed, tmp_path / "walls.conf", rounding=0.005, periodic=False)
+    settings, _, _ = read_conf(tmp_path / "walls.conf")
+    assert settings["nDriven"] == [["5"]]
+    assert "h" not in settings
+
+
+def test_grains_too_wide_for_a_periodic_cell_are_named(tmp_path):
+    bed = replace(two_grains(), domain=Domain((0, 0, 0), (8e-3, 8e-3, 16e-3), (True, True, True)))
+    with pytest.raises(InputError, match=r"narrower than half of Rockable's periodic cell.*periodic=false.*: 0, 1"):
+        exporters.write(bed, tmp_path / "bed.conf")
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("walls", ["floor", "none"])
@@ -215,7 +361,7 @@ def test_planar_periodic_and_walled_beds_stand_in_containers_that_hold_every_gra
     layer = poisson(planar, 60, rng=1)
     layer[:, 2] = 0.5e-3
     cylinder = Domain.cylinder(2e-3, 4e-3, sides=8)
-    wrapped = Domain.box((3e-3, 3e-3, 3e-3), periodic=True)
+    wrapped = Domain.box((3e-3, 3e-3, 3e-3), periodic=(True, True, False))
     for domain, seeds, n_walls in (
         (planar, layer, 5),
         (cylinder, poisson(cylinder, 80, rng=1), 9),

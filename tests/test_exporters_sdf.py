@@ -1,4 +1,4 @@
-"""SDFormat: opened, weighed and stepped by Drake and by PyBullet, each in a process of its own."""
+"""SDFormat: opened, weighed and stepped by Drake and by PyBullet, read by Gazebo's parser, each in its own process."""
 
 import json
 import subprocess
@@ -12,6 +12,7 @@ import pytest
 import trimesh
 from beds import SIZES, check_golden, small_bed, two_grains, written
 from conftest import cube_packing
+from worlds import RULES, read_world
 
 from exporters.units import units
 from grainsdem.errors import InputError
@@ -171,6 +172,110 @@ def test_the_golden_world_is_weighed_by_drake(tmp_path):
     assert masses == pytest.approx([2500 * 48e-9, 2500 * 32e-9])
     assert np.diag(inertias[0]) == pytest.approx(np.array([52, 40, 20]) * 1e-6 / 12 * masses[0])
     assert np.abs(np.array(turns[1]) - [[0, -1, 0], [1, 0, 0], [0, 0, 1]]).max() < 1e-9
+
+
+FAULTS = {
+    "two of one name": ('<model name="g000001">', '<model name="g000000">'),
+    "a reserved name": ('<model name="g000001">', '<model name="__model__">'),
+    "a model without a link": ("<link ", "<!-- <link "),
+    "a mass below zero": ("<mass>", "<mass>-"),
+    "a moment larger than the others' sum": ("<ixx>", "<ixx>1"),
+    "a pose of five numbers": ("<pose>0 0 0 ", "<pose>0 0 "),
+}
+"""Ways to spoil a world, each refused by our reader and by Gazebo's parser."""
+
+OUR_FAULTS = {
+    "an element that there is not": ("<mass>", "<weight>1</weight><mass>"),
+    "no geometry": ("<geometry><mesh><uri>two-meshes/g000000.obj</uri><drake:declare_convex/></mesh></geometry>", ""),
+    "one twice": ("<mass>", "<mass>1</mass><mass>"),
+    "a mesh that is nowhere": ("g000001.obj", "g000009.obj"),
+    "a number that is none": ("<mass>", "<mass>nan "),
+    "a moment left out": ("<iyz>0</iyz>", ""),
+    "an attribute that there is not": ("<model ", '<model colour="red" '),
+}
+"""Ways that only our reader refuses; Gazebo's warns, or puts what it likes in their place."""
+
+
+def spoilt(folder, old, new):
+    """Write the golden pair's world with a fault and return its path."""
+    path = folder / "two.sdf"
+    written(two_grains(), path)
+    text = path.read_text()
+    assert old in text
+    text = text.replace("<!-- 2 grains", "<!-- two grains").replace(old, new)
+    path.write_text(text.replace("</link>", "</link> -->") if new.endswith("<!-- <link ") else text)
+    return path
+
+
+@pytest.mark.parametrize("unit", ["si", "grain"])
+@pytest.mark.parametrize("diameter", SIZES)
+def test_worlds_keep_the_rules_of_the_format(tmp_path, diameter, unit):
+    bed = replace(small_bed(diameter), classes=np.arange(15) % 3)
+    written(bed, tmp_path / "bed.sdf", units=unit)
+    models = read_world(tmp_path / "bed.sdf")
+    assert list(models) == ["container", *(f"g{i:06d}" for i in range(15))]
+    scale = units(bed).mass if unit == "grain" else 1.0
+    masses = [float(models[f"g{i:06d}"].findtext("link/inertial/mass")) * scale for i in range(15)]
+    assert masses == pytest.approx(integrate(bed.grains).volumes * 2650)
+    for choice, count in (("floor", 16), ("none", 15)):
+        written(bed, tmp_path / "bed.sdf", units=unit, walls=choice)
+        assert len(read_world(tmp_path / "bed.sdf")) == count
+
+
+@pytest.mark.parametrize("fault", [*FAULTS, *OUR_FAULTS])
+def test_the_reader_sees_every_fault(tmp_path, fault):
+    path = spoilt(tmp_path, *(FAULTS | OUR_FAULTS)[fault])
+    with pytest.raises((AssertionError, ValueError)):
+        read_world(path)
+
+
+def asked(program, *arguments):
+    """Return what Gazebo's parser of SDFormat says: its exit status, output and complaints."""
+    command = [program("ign", "libsdformat-dev ignition-tools"), "sdf", *map(str, arguments)]
+    run = subprocess.run(command, capture_output=True, text=True, check=False)
+    complaints = [line for line in run.stderr.splitlines() if line and "backtrace generation" not in line]
+    return run.returncode, run.stdout, complaints
+
+
+@pytest.mark.parametrize("unit", ["si", "grain"])
+@pytest.mark.parametrize("diameter", SIZES)
+@pytest.mark.opens("sdf", "Gazebo's parser", "counted", "weighed")
+def test_gazebo_s_parser_finds_a_world_valid_and_reads_every_grain(program, tmp_path, diameter, unit):
+    bed = small_bed(diameter)
+    written(bed, tmp_path / "bed.sdf", units=unit)
+    assert asked(program, "--check", tmp_path / "bed.sdf") == (0, "Valid.\n", [])
+    status, text, complaints = asked(program, "--print", tmp_path / "bed.sdf")
+    assert (status, complaints) == (0, [])
+    models = {model.get("name"): model for model in ET.fromstring(text).iter("model")}  # noqa: S314  (our own file)
+    scale = units(bed).mass if unit == "grain" else 1.0
+    masses = [float(models[f"g{i:06d}"].findtext("link/inertial/mass")) * scale for i in range(15)]
+    assert masses == pytest.approx(integrate(bed.grains).volumes * 2650, rel=1e-5)  # it prints six digits
+    assert len(models) == 16
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_gazebo_s_parser_refuses_what_our_reader_refuses(program, tmp_path, fault):
+    status, said, complaints = asked(program, "--check", spoilt(tmp_path, *FAULTS[fault]))
+    assert (status, said) != (0, "Valid.\n") or complaints
+
+
+def test_our_rules_are_those_of_the_specification(program):
+    status, text, _ = asked(program, "--describe", "1.9")
+    assert status == 0
+    seen = set()
+
+    def compare(element, tag):
+        rule = RULES[tag]
+        assert element.get("type") == rule.value, tag
+        assert set(rule.attributes) <= {child.get("name") for child in element.findall("attribute")}, tag
+        known = {child.get("name"): child for child in element.findall("element")}
+        for name, often in rule.children.items():
+            assert known[name].get("required") == often, f"{name} in {tag}"
+            compare(known[name], name)
+        seen.add(tag)
+
+    compare(ET.fromstring(text), "sdf")  # noqa: S314  (the program's own words)
+    assert seen == set(RULES)
 
 
 def world_of(path):

@@ -57,6 +57,32 @@ def test_trimesh_reads_a_closed_outward_surface_of_the_right_volume(fresh, binar
 
 
 @pytest.mark.client
+@pytest.mark.parametrize("origin", ["world", "domain"])
+def test_the_manifest_says_by_how_much_single_precision_changes_a_grain(fresh, tmp_path, origin):
+    far = replace(
+        fresh,
+        positions=fresh.positions + 0.02,
+        links=None,
+        domain=Domain(fresh.domain.lower + 0.02, fresh.domain.upper + 0.02),
+    )
+    exporters.write(far, tmp_path, formats="stl", origin=origin)
+    [row] = json.loads((tmp_path / "manifest.json").read_text())["formats"]
+    with (tmp_path / "bed.triangles.csv").open() as file:
+        counts = [int(line["n_triangles"]) for line in csv.DictReader(file)]
+    corners = read((tmp_path / "bed.stl").read_bytes()).triangles
+    corners = corners - corners.mean(axis=(0, 1))
+    parts = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6
+    found = np.add.reduceat(parts, np.cumsum(counts) - counts)
+    expected = volumes(far.grains)
+    worst = np.abs(found / expected - 1).max()
+    assert row["report"]["largest_volume_change_of_a_grain"] == pytest.approx(worst, rel=1e-3)
+    assert row["report"]["volume_change"] == pytest.approx(found.sum() / expected.sum() - 1, abs=1e-12)
+    place = world_vertices(far) - (far.domain.lower if origin == "domain" else 0)
+    diameters = np.cbrt(6 / np.pi * expected)
+    assert 1e-9 < worst < 1e-7 * np.abs(place).max() / diameters.min()
+
+
+@pytest.mark.client
 def test_the_table_beside_a_binary_file_tells_the_grains_apart(fresh):
     content = exporters.files(fresh, ".stl", name="sand")
     assert list(content) == ["sand.stl", "sand.triangles.csv"]

@@ -12,7 +12,7 @@ from grainsdem.errors import InputError
 from grainsdem.geometry.integrals import integrate
 from grainsdem.geometry.rotations import random_quaternions
 from grainsdem.model import Domain
-from grainsdem.packing import carve, shrink
+from grainsdem.packing import carve, shrink, subset
 from grainsdem.points import poisson
 from grainsdem.tessellation import tessellate
 
@@ -48,6 +48,51 @@ def read(path):
         elif command:
             others.append(command)
     return polyhedra, bricks, groups, others
+
+
+def read_joints(path):
+    """Return the angle of friction of grain and grain, and of grain and wall, by name: of joints that are and will be.
+
+    Every group that a pair is of has members, no pair is named twice, and what holds for the joints that there are is
+    what the material table says of those that will be.
+    """
+    _, bricks, grains, others = read(path)
+    groups, angles, table = {}, {}, {}
+    for command in others:
+        assert command.count(" range ") <= 1
+        if match := re.fullmatch(
+            r"block group '(friction_\d+)' slot 'friction' range group '(g\d+)' slot 'grain'", command
+        ):
+            assert not angles, "groups are made before they are asked for"
+            assert match[2] in grains
+            groups.setdefault(match[1], []).append(match[2])
+        elif match := re.fullmatch(
+            r"block group '(wall_\w+)' slot 'wall' range pos-x (\S+) (\S+) pos-y (\S+) (\S+) pos-z (\S+) (\S+)", command
+        ):
+            lower, upper = np.array(match.groups()[1:], float).reshape(3, 2).T
+            assert sum(((lower < brick.mean(axis=0)) & (brick.mean(axis=0) < upper)).all() for brick in bricks) == 1
+            groups[match[1]] = [match[1]]
+        elif match := re.fullmatch(
+            r"block contact (property|material-table (?:default|add jmodel mohr) property) "
+            r"(?:stiffness-normal (\S+) stiffness-shear \2 )?friction (\S+)"
+            r"(?: range group-intersection '(\w+)' '(\w+)')?",
+            command,
+        ):
+            word, stiffness, angle, *pair = match.groups()
+            told = angles if word == "property" else table
+            assert frozenset(pair) not in told
+            assert (stiffness is None) == (word == "property" and pair != [None, None])
+            assert pair == [None, None] or set(pair) <= set(groups)
+            told[frozenset(pair)] = float(angle)
+        else:
+            assert "friction" not in command
+    assert angles == table
+    found = {}
+    for a, mine in groups.items():
+        for b, theirs in groups.items():
+            angle = angles.get(frozenset((a, b)), angles[frozenset((None,))])
+            found |= {frozenset((one, other)): angle for one in mine for other in theirs if one != other}
+    return found, angles[frozenset((None,))]
 
 
 def weigh(faces):
@@ -133,6 +178,51 @@ def test_the_golden_file_keeps_the_rules_and_holds_its_two_grains(tmp_path):
     (tmp_path / "two.3ddat").write_bytes(content)
     polyhedra, _, _, _ = read(tmp_path / "two.3ddat")
     assert [weigh(faces)[0] for faces in polyhedra] == pytest.approx([48e-9, 32e-9])
+
+
+def side_by_side(**changes):
+    """Return four grains, two of the golden pair beside two more of it."""
+    four = subset(two_grains(), [0, 1, 0, 1])
+    places = four.positions + np.array([[0, 0, 0], [0, 0, 0], [8e-3, 0, 0], [8e-3, 0, 0]])
+    return replace(four, positions=places, domain=Domain.box((16e-3, 8e-3, 16e-3)), **changes)
+
+
+@pytest.mark.parametrize("rule", ["max", "min"])
+def test_joints_have_the_friction_of_the_rougher_or_smoother_grain_and_of_walls_their_own(tmp_path, rule):
+    own = [0.2, 0.6, 0.2, 0.6]
+    bed = side_by_side(frictions=own, densities=[2500.0, 5000.0, 5000.0, 2500.0])
+    written(bed, tmp_path / "bed.3ddat", mixing=rule, wall_friction={"floor": 1.0})
+    found, _ = read_joints(tmp_path / "bed.3ddat")
+    grains = [f"g{i:06d}" for i in range(4)]
+    expected = {
+        frozenset((a, b)): max(own[i], own[j]) if rule == "max" else min(own[i], own[j])
+        for i, a in enumerate(grains)
+        for j, b in enumerate(grains[:i])
+    }
+    expected |= {frozenset((a, "wall_z0")): 1.0 for a in grains}
+    expected |= {frozenset((a, "wall_x1")): own[i] for i, a in enumerate(grains)}
+    assert {pair: found[pair] for pair in expected} == pytest.approx(
+        {pair: np.degrees(np.arctan(friction)) for pair, friction in expected.items()}
+    )
+    _, _, _, others = read(tmp_path / "bed.3ddat")
+    dense = [command for command in others if command.startswith("block property density 5000")]
+    assert dense == [
+        f"block property density 5000 range group '{name}' slot 'grain'" for name in ("g000001", "g000002")
+    ]
+
+
+def test_a_bed_of_one_friction_has_no_groups_of_it_and_one_of_too_many_has_their_mean(tmp_path, caplog):
+    written(two_grains(), tmp_path / "bed.3ddat", friction=1.0)
+    assert read_joints(tmp_path / "bed.3ddat") == ({}, 45.0)
+    many = subset(two_grains(), np.arange(102) % 2)
+    places = many.positions + np.arange(102)[:, None] * [8e-3, 0, 0]
+    domain = Domain.box((102 * 8e-3, 8e-3, 16e-3))
+    many = replace(many, positions=places, domain=domain, frictions=np.linspace(0.5, 1.5, 102))
+    written(many, tmp_path / "many.3ddat")
+    assert read_joints(tmp_path / "many.3ddat") == ({}, 45.0)
+    assert "the file has their mean, 1" in caplog.text
+    with pytest.raises(InputError, match="the container has no lid to have a wall_friction"):
+        written(two_grains(), tmp_path / "no.3ddat", wall_friction={"lid": 0.5})
 
 
 @pytest.mark.parametrize("walls", ["floor", "none"])

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from beds import some
 
 import exporters
 from exporters import usd
@@ -19,6 +20,7 @@ from grainsdem.geometry.rotations import random_quaternions, world_vertices
 from grainsdem.packing import rescale
 
 STEPS = 1000
+
 
 BEDS = {"sand": (0.2e-3, "grain"), "millimetre": (1e-3, "grain"), "cobble": (0.1, "si")}
 """Diameter [m] and units of the stage: in SI Newton gives grains below 4 mm another inertia."""
@@ -128,7 +130,7 @@ def test_a_root_that_is_no_identifier_is_refused(fresh, root):
 
 @pytest.fixture(scope="module")
 def settled(fresh):
-    return settle(fresh, friction=0.3, rng=1).packing
+    return settle(some(fresh, 60), friction=0.3, rng=1).packing
 
 
 @pytest.fixture(scope="module")

@@ -152,6 +152,18 @@ def test_a_periodic_bed_wraps_around_and_cubes_meet_their_images(yade, tmp_path)
         written(few, tmp_path / "few.py")
 
 
+def test_the_script_finds_its_arrays_from_any_folder(program, tmp_path):
+    yade, elsewhere = program("yade", "yade"), tmp_path / "else where"
+    elsewhere.mkdir()
+    written(two_grains(), tmp_path / "bed.py")
+    for script in (tmp_path / "bed.py", "../bed.py"):
+        done = subprocess.run(
+            [yade, "-n", "-x", script], cwd=elsewhere, capture_output=True, text=True, check=False, timeout=300
+        )
+        assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
+        assert "Error" not in done.stdout + done.stderr
+
+
 def test_the_golden_script_runs_and_weighs_its_two_grains(yade, tmp_path):
     made = check_golden(two_grains(), "yade", "two.py")
     for name, content in made.items():

@@ -201,23 +201,56 @@ def test_nrrd_and_raw_voxels_are_read_by_vtk_and_as_bare_bytes(periodic, tmp_pat
 
 
 @pytest.mark.client
+@pytest.mark.parametrize("phase", [True, False])
+def test_pynrrd_reads_both_headers_with_place_size_and_what_the_numbers_are(periodic, tmp_path, phase):
+    import nrrd
+
+    voxels = voxelize(periodic, per_diameter=6)
+    expected = voxels.phase() if phase else voxels.labels
+    for name in ("a.nrrd", "b.raw"):
+        write_voxels(periodic, tmp_path / name, per_diameter=6, phase=phase)
+        found, head = nrrd.read(str(tmp_path / name.replace(".raw", ".nhdr")))
+        np.testing.assert_array_equal(found, expected.T)  # pynrrd's first axis is the fastest
+        np.testing.assert_array_equal(head["space directions"], np.diag(voxels.spacing))
+        np.testing.assert_allclose(head["space origin"], np.array(voxels.lower) + 0.5 * np.array(voxels.spacing))
+        assert head["space units"] == ["m", "m", "m"]
+        assert ("1 in grains, 0 elsewhere" if phase else "grain id + 1, 0 in the void") in head["content"]
+
+
+@pytest.mark.client
 @pytest.mark.slow
-def test_porespy_takes_the_phases_and_finds_the_porosity_and_one_void(periodic, tmp_path, environment):
-    write_voxels(periodic, tmp_path / "phase.npy", per_diameter=12, phase=True)
+def test_porespy_finds_the_porosity_and_one_void_and_openpnm_takes_its_network(periodic, tmp_path, environment):
+    write_voxels(periodic, tmp_path / "phase.raw", per_diameter=12, phase=True)
     script = """if True:
         import json, sys
-        import numpy, porespy
-        void = numpy.load(sys.argv[1]) == 0
+        import numpy, openpnm, porespy
+        rows = dict(row.split(": ", 1) for row in open("phase.nhdr").read().splitlines() if ": " in row)
+        shape = [int(word) for word in rows["sizes"].split()]
+        size = float(rows["space directions"][1:].split(",")[0])
+        void = numpy.fromfile("phase.raw", dtype=rows["type"]).reshape(shape, order="F") == 0
         parts = porespy.filters.find_disconnected_voxels(void)
-        print(json.dumps([float(porespy.metrics.porosity(void)), int(parts.sum())]))
+        network = openpnm.io.network_from_porespy(porespy.networks.snow2(void, voxel_size=size).network)
+        health = openpnm.utils.check_network_health(network)
+        print(json.dumps({
+            "porosity": float(porespy.metrics.porosity(void)), "closed": int(parts.sum()),
+            "pores": network.Np, "throats": network.Nt, "apart": len(health["disconnected_pores"]),
+            "diameters": network["pore.inscribed_diameter"].tolist(),
+            "places": network["pore.coords"].tolist(),
+        }))
     """
-    python = environment("porespy", "porespy")
-    told = subprocess.run(
-        [python, "-c", script, tmp_path / "phase.npy"], capture_output=True, text=True, check=True, cwd=tmp_path
-    )
-    porosity, closed = json.loads(told.stdout.splitlines()[-1])
-    assert porosity == pytest.approx(voxelize(periodic, per_diameter=12).porosity(), abs=1e-12)
-    assert closed == 0  # gaps of three voxels and more: the void is one
+    python = environment("porespy", "porespy", "openpnm")
+    told = subprocess.run([python, "-c", script], capture_output=True, text=True, check=True, cwd=tmp_path)
+    found = json.loads(told.stdout.splitlines()[-1])
+    voxels = voxelize(periodic, per_diameter=12)
+    assert found["porosity"] == pytest.approx(voxels.porosity(), abs=1e-12)
+    assert found["closed"] == found["apart"] == 0  # gaps of three voxels and more: the void is one
+    # Of Voronoi cells some seven corners and fourteen faces to each, of which neighbours share the most.
+    assert found["pores"] > 2 * len(periodic)
+    assert found["throats"] > found["pores"]
+    # In metres; the network has pores outside its faces, three voxels away.
+    places, radii = np.array(found["places"]), np.array(found["diameters"]) / 2
+    assert (np.abs(places - 0.5) < 0.5 + 5 * max(voxels.spacing)).all()
+    assert 0.02 < np.median(radii) < 0.2
 
 
 @pytest.mark.unit

@@ -10,11 +10,15 @@ import numpy as np
 
 from exporters.check import measured, stretches
 from grainsdem.errors import InputError
+from grainsdem.geometry.blunt import blunt
+from grainsdem.geometry.edges import edge_lengths, edges
+from grainsdem.geometry.forms.sizes import grain_diameters
 from grainsdem.geometry.integrals import face_planes, integrate
 from grainsdem.geometry.principal import principal_inertia
 from grainsdem.geometry.rotations import multiply, to_matrices
 from grainsdem.packing import inset
-from grainsdem.ragged import owners, sum_rows
+from grainsdem.packing.blunting import refuse_gone
+from grainsdem.ragged import sum_rows
 from grainsdem.roots import cube_roots
 
 if TYPE_CHECKING:
@@ -23,6 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from exporters.dem.options import SkinOptions
+    from grainsdem.geometry.edges import Edges
     from grainsdem.model import Packing, Polyhedra
 
     Floats = NDArray[np.float64]
@@ -108,41 +113,6 @@ def vertices_in(shapes: Polyhedra, origins: Floats, quaternions: Floats, digits:
     return np.asarray((seen / unit).round(12) * unit)
 
 
-class Edges(NamedTuple):
-    """Edges of closed polyhedra, each once.
-
-    Parameters
-    ----------
-    ends : ndarray of int32, shape (m, 2)
-        Vertices, local to the polyhedron, the lower first.
-    offsets : ndarray of int64, shape (n + 1,)
-        Edges of polyhedron i are ``ends[offsets[i]:offsets[i + 1]]``.
-    faces : ndarray of int64, shape (m, 2)
-        The two faces that meet in each edge.
-    """
-
-    ends: NDArray[np.int32]
-    offsets: NDArray[np.int64]
-    faces: NDArray[np.int64]
-
-
-def edges(shapes: Polyhedra) -> Edges:
-    """Return the edges of closed polyhedra."""
-    corners, offsets = shapes.face_vertices, shapes.face_vertex_offsets
-    following = np.arange(1, corners.size + 1)
-    following[offsets[1:] - 1] = offsets[:-1]
-    face = owners(offsets)
-    grain = owners(shapes.face_offsets)[face]
-    low, high = np.minimum(corners, corners[following]), np.maximum(corners, corners[following])
-    # One number an edge, in the order of the grains; its two sides become neighbours.
-    widest = int(np.diff(shapes.vertex_offsets).max())
-    order = np.argsort((shapes.vertex_offsets[grain] + low) * widest + high, kind="stable")
-    first, second = order[::2], order[1::2]
-    ends = np.column_stack([low[first], high[first]])
-    counts = np.bincount(grain[first], minlength=len(shapes))
-    return Edges(ends, np.append(0, np.cumsum(counts)), np.column_stack([face[first], face[second]]))
-
-
 class Rounded(NamedTuple):
     """Grains as a core and a sphere that is swept over it: what programs with a skin move.
 
@@ -154,17 +124,18 @@ class Rounded(NamedTuple):
         Those of the cores.
     radii : ndarray, shape (n,)
         Radius [m] of each grain's sphere.
-    volumes : ndarray, shape (n,)
-        Volumes [m³] of the swept cores.
+    core_volumes, volumes : ndarray, shape (n,)
+        Volumes [m³] of the cores, and of the swept cores.
     """
 
     cores: Polyhedra
     edges: Edges
     radii: Floats
+    core_volumes: Floats
     volumes: Floats
 
 
-def rounded(packing: Packing, sizes: Bodies, rounding: float) -> Rounded:
+def rounded(packing: Packing, sizes: Bodies, rounding: float, *, min_edge: float | None = None) -> Rounded:
     """Return the grains with rounded edges, inside what they were: their faces stay, and no gap becomes smaller.
 
     Parameters
@@ -175,6 +146,8 @@ def rounded(packing: Packing, sizes: Bodies, rounding: float) -> Rounded:
         The same grains as bodies.
     rounding : float
         Radius of the sphere in diameters of each grain.
+    min_edge : float, optional
+        Shortest edge of a core, likewise; `grainsdem.merge_edges` says what becomes of shorter ones.
 
     Raises
     ------
@@ -196,16 +169,18 @@ def rounded(packing: Packing, sizes: Bodies, rounding: float) -> Rounded:
     steps = np.einsum("nji,nj->ni", to_matrices(packing.quaternions), moved.positions - packing.positions)
     shapes = moved.grains
     cores = replace(shapes, vertices=shapes.vertices + np.repeat(steps, np.diff(shapes.vertex_offsets), axis=0))
+    if min_edge is not None:
+        made = blunt(cores, min_edge * grain_diameters(packing), are_prisms=packing.domain.is_planar)
+        refuse_gone(made.is_gone, min_edge)
+        cores = made.shapes
     found = edges(cores)
-    starts = cores.vertex_offsets[owners(found.offsets)]
-    ends = cores.vertices[starts[:, None] + found.ends]
-    lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    lengths = edge_lengths(cores, found)
     a, b = (face_planes(cores).normals[found.faces[:, side]] for side in range(2))
     angles = np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.einsum("ij,ij->i", a, b))
     bends = sum_rows(lengths * angles, found.offsets)
     core = integrate(cores)
     swept = core.volumes + core.areas * radii + bends / 2 * radii**2 + 4 / 3 * np.pi * radii**3
-    return Rounded(cores, found, radii, swept)
+    return Rounded(cores, found, radii, core.volumes, swept)
 
 
 class Skin(NamedTuple):
@@ -215,20 +190,21 @@ class Skin(NamedTuple):
     ----------
     radii : ndarray, shape (n,)
         Radius [m] of each grain's sphere.
-    volumes : ndarray, shape (n,)
-        Volumes [m³] of the swept cores.
+    core_volumes, volumes : ndarray, shape (n,)
+        Volumes [m³] of the cores, and of the swept cores.
     n_vertices, n_edges, n_quads : ndarray of int64, shape (n,)
         Vertices and edges of each core, and how many pieces its faces are cut into that have four corners at most.
     """
 
     radii: Floats
+    core_volumes: Floats
     volumes: Floats
     n_vertices: NDArray[np.int64]
     n_edges: NDArray[np.int64]
     n_quads: NDArray[np.int64]
 
 
-def skin(packing: Packing, sizes: Bodies, rounding: float) -> Skin:
+def skin(packing: Packing, sizes: Bodies, options: SkinOptions) -> Skin:
     """Return what rounding makes of the grains, found a stretch of grains at a time.
 
     Raises
@@ -238,29 +214,31 @@ def skin(packing: Packing, sizes: Bodies, rounding: float) -> Skin:
     """
     rows: list[tuple[NDArray[Any], ...]] = []
     try:
-        for _, _, one in rounded_parts(packing, sizes, rounding):
+        for _, _, one in rounded_parts(packing, sizes, options):
             pieces = (np.diff(one.cores.face_vertex_offsets) - 1) // 2
             counts = (np.diff(one.cores.vertex_offsets), np.diff(one.edges.offsets))
-            rows.append((one.radii, one.volumes, *counts, sum_rows(pieces, one.cores.face_offsets)))
+            rows.append((one.radii, one.core_volumes, one.volumes, *counts, sum_rows(pieces, one.cores.face_offsets)))
     except InputError:
-        rounded(packing, sizes, rounding)  # the same error, of all grains under their own numbers
+        rounded(
+            packing, sizes, options.rounding, min_edge=options.min_edge
+        )  # the same error, of all grains under their own numbers
         raise
     found = Skin(*(np.concatenate(column) for column in zip(*rows, strict=True)))
     _logger.info("rounding takes %.3g of the grains' volume", _lost(found, sizes)["volume_lost"])
     return found
 
 
-def rounded_parts(packing: Packing, sizes: Bodies, rounding: float) -> Iterator[tuple[slice, Bodies, Rounded]]:
+def rounded_parts(packing: Packing, sizes: Bodies, options: SkinOptions) -> Iterator[tuple[slice, Bodies, Rounded]]:
     """Yield the grains a stretch at a time: which of all they are, as bodies, and rounded."""
     for rows, part in parts(packing):
         mine = Bodies(*(values[rows] for values in sizes))
-        yield rows, mine, rounded(part, mine, rounding)
+        yield rows, mine, rounded(part, mine, options.rounding, min_edge=options.min_edge)
 
 
 def report(packing: Packing, options: SkinOptions) -> dict[str, float]:
-    """Return what the rounding does to the grains: its radii [m], and the part of their volume that it takes."""
+    """Return what the rounding does to the grains: radii [m], and what cores and swept cores lack of volume."""
     sizes = bodies(packing)
-    return _lost(skin(packing, sizes, options.rounding), sizes)
+    return _lost(skin(packing, sizes, options), sizes)
 
 
 def rounding_comment(found: Skin, sizes: Bodies) -> str:
@@ -273,13 +251,24 @@ def rounding_comment(found: Skin, sizes: Bodies) -> str:
     )
 
 
+def core_comment(found: Skin, sizes: Bodies) -> str:
+    """Return as one sentence for a file's comments how much smaller the polyhedra in it are than the grains."""
+    told = _lost(found, sizes)
+    return (
+        f"The polyhedra here are cores, without the sphere that rounds them: {100 * told['core_volume_lost']:.4g} % "
+        f"less volume than the grains, {100 * told['largest_core_volume_lost_by_a_grain']:.4g} % less than one at most."
+    )
+
+
 def _lost(found: Skin, sizes: Bodies) -> dict[str, float]:
-    return {
+    told = {
         "smallest_rounding_radius": float(found.radii.min()),
         "largest_rounding_radius": float(found.radii.max()),
-        "volume_lost": float(1 - found.volumes.sum() / sizes.volumes.sum()),
-        "largest_volume_lost_by_a_grain": float((1 - found.volumes / sizes.volumes).max()),
     }
+    for word, left in (("volume_lost", found.volumes), ("core_volume_lost", found.core_volumes)):
+        told[word] = float(1 - left.sum() / sizes.volumes.sum())
+        told[f"largest_{word}_by_a_grain"] = float((1 - left / sizes.volumes).max())
+    return told
 
 
 def kinds_of(packing: Packing) -> tuple[list[int], list[int]]:

@@ -17,6 +17,7 @@ from exporters.check import refuse
 from exporters.container import world_bounds
 from exporters.dem.bodies import (
     bodies,
+    core_comment,
     kinds_of,
     parts,
     report,
@@ -53,6 +54,8 @@ _MOST_LINES = 31
 _SCRIPT = Template("""\
 # $name: $n_grains grains, atom 8 is grain 7. Length 1 = $length m, mass 1 = $mass kg, time 1 = $time s.
 # $rounding
+# $cores
+# In the folder of $name.data:
 # lmp -in $name.in            lmp -var steps 100 -in $name.in
 units           lj
 dimension       3
@@ -85,6 +88,7 @@ run             $${steps}
 _HEADER = Template("""\
 $name: $n_grains rounded polyhedra in grain units, atom 8 is grain 7; 1 = $length m, $mass kg, $time s$types
 
+# $cores
 $n_grains atoms
 $n_grains bodies
 $n_types atom types
@@ -144,7 +148,7 @@ def files(
     options = options or SkinOptions()
     sizes = bodies(packing)
     scales = units_of(sizes.volumes, packing.densities, options.gravity)
-    found = skin(packing, sizes, options.rounding)
+    found = skin(packing, sizes, options)
     _refuse_long(found)
     bed = _Bed(packing, name, options, sizes, scales, found, world_bounds(packing))
     return {f"{name}{suffix}": _script(bed).encode(), f"{name}.data": _data(bed)}
@@ -199,6 +203,7 @@ def _script(bed: _Bed) -> str:
     return _SCRIPT.substitute(
         bed.told,
         rounding=rounding_comment(found, sizes),
+        cores=core_comment(found, sizes),
         # Without a period, a box that grows with the bed and is never smaller than it was.
         boundary=" ".join("p" if wraps else "m" for wraps in bed.packing.domain.periodic),
         fewest=int(room.min()),
@@ -244,6 +249,7 @@ def _data(bed: _Bed) -> Iterator[bytes]:
         bed.told,
         n_types=max(len(numbers), 1),
         types=_types(numbers),
+        cores=core_comment(bed.skin, sizes),
         box="\n".join(f"{row} {axis}lo {axis}hi" for row, axis in edges),
     ).encode()
     for rows, _ in parts(bed.packing):
@@ -252,7 +258,7 @@ def _data(bed: _Bed) -> Iterator[bytes]:
         atoms = zip(range(rows.start + 1, rows.stop + 1), kinds[rows], masses, places, strict=True)
         yield "".join([f"{atom} {kind} 1 {mass} {place}\n" for atom, kind, mass, place in atoms]).encode()
     yield b"\nBodies\n\n"
-    for rows, mine, one in rounded_parts(bed.packing, sizes, bed.options.rounding):
+    for rows, mine, one in rounded_parts(bed.packing, sizes, bed.options):
         yield _bodies(bed, rows, mine, one)
 
 

@@ -7,6 +7,7 @@ from typing import Literal
 
 from exporters.check import check_choice, check_positive
 from grainsdem.errors import InputError
+from grainsdem.packing.blunting import check_min_edge
 
 WALLS = ("box", "floor", "none")
 """The container that a file may have: all its walls, the floor only, or nothing. There is no lid."""
@@ -27,6 +28,8 @@ class SkinOptions:
     rounding : float
         Radius of the sphere that rounds the edges, in diameters of each grain, at most 0.2. Every face is moved inward
         by it, so that no grain becomes larger.
+    min_edge : float, optional
+        Shortest edge of a core, in diameters of its grain: what the faces moved inward leave shorter is merged.
     friction : float, optional
         Coefficient of friction [1], among grains and with walls; that which the grains came to rest with by default,
         else 0.5.
@@ -49,6 +52,7 @@ class SkinOptions:
     """
 
     rounding: float = 0.02
+    min_edge: float | None = None
     friction: float | None = None
     restitution: float = 0.3
     gravity: float = 9.81
@@ -60,6 +64,8 @@ class SkinOptions:
         for name in ("rounding", "restitution", "gravity", "depth", "duration"):
             check_positive(name, getattr(self, name))
         check_friction(self.friction)
+        if self.min_edge is not None:
+            check_min_edge(self.min_edge)
         for name, most in (("rounding", 0.2), ("restitution", 1.0), ("depth", 1.0)):
             if getattr(self, name) > most:
                 raise InputError(f"{name} must be at most {most:g}; got {getattr(self, name)}")

@@ -9,21 +9,23 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from exporters.check import check_choice, check_positive, class_texts, grain_names
+from exporters.check import check_choice, check_positive, checked_coefficients, class_texts, grain_names
 from exporters.container import container_box, world_bounds
 from exporters.dem.bodies import bodies, parts
+from exporters.dem.groups import surfaces
 from exporters.dem.options import WALLS, check_friction
 from exporters.dem.scene import check_word, height
-from exporters.rest import down, one_friction
+from exporters.rest import down
 from exporters.text import filled, rows_of_text, table_of_text
 from grainsdem.geometry.rotations import world_vertices
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable, Iterator, Mapping
 
     from numpy.typing import NDArray
 
     from exporters.dem.bodies import Bodies
+    from exporters.dem.groups import Surfaces
     from grainsdem.model import Packing
 
     Floats = NDArray[np.float64]
@@ -41,7 +43,7 @@ block contact generate-subcontacts
 block contact jmodel assign mohr
 block contact property $joint
 block contact material-table default property $joint
-model gravity $gravity
+${pairs}model gravity $gravity
 $fixed
 block mech damp local 0.8
 """)
@@ -58,7 +60,7 @@ class ThreedecOptions:
     ----------
     friction : float, optional
         Coefficient of friction [1] of every joint; that which the grains came to rest with by
-        default, else 0.5.
+        default, else each grain's own, or 0.5 where there are none.
     gravity : float
         Acceleration [m/s²].
     depth : float
@@ -66,6 +68,13 @@ class ThreedecOptions:
         stiffness follows from it.
     walls : {"box", "floor", "none"}
         Container from the packing's domain, of fixed blocks. There is no lid.
+    wall_friction : float, mapping or str, optional
+        Coefficient of friction between grains and walls [1], or those of some walls by name, as in
+        ``{"floor": 0.6, "wall_x0": 0}`` or ``"floor=0.6,wall_x0=0"``; as the bed came to rest by default, else as among
+        grains.
+    mixing : {"max", "min"}, optional
+        Which of two grains with frictions of their own rules where they touch: the rougher or the smoother. As the bed
+        came to rest by default, else the rougher.
 
     Raises
     ------
@@ -77,8 +86,13 @@ class ThreedecOptions:
     gravity: float = 9.81
     depth: float = 0.01
     walls: Literal["box", "floor", "none"] = "box"
+    wall_friction: float | Mapping[str, float] | str | None = None
+    mixing: Literal["max", "min"] | None = None
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "wall_friction", checked_coefficients("wall_friction", self.wall_friction))
+        if self.mixing is not None:
+            check_choice("mixing", self.mixing, ("max", "min"))
         for name in ("gravity", "depth"):
             check_positive(name, getattr(self, name))
         check_friction(self.friction)
@@ -91,7 +105,7 @@ LOSES = (
     "Vertices have twelve significant digits; 3DEC finds masses and inertias itself from the densities.",
     "Poses are those of the vertices: which way a grain was turned is lost.",
     "Periodic axes become walls, and a domain's inclined planes are left out.",
-    "Where grains have frictions of their own, their mean stands for all, and for the walls.",
+    "Where grains have more than 100 frictions, their mean stands for all.",
 )
 """What the format does not carry."""
 
@@ -103,18 +117,23 @@ def files(
 
     Every face has its corners clockwise seen from outside, as 3DEC asks. The block of grain 7 is in group ``g000007``
     of the slot ``grain``, and where grains have classes in one such as ``class_2`` of the slot ``class``; the walls are
-    in group ``walls``, and fixed.
+    in group ``walls``, and fixed. Where friction differs, grains are in ``friction_1`` and so on of the slot
+    ``friction``, from the smoothest on, and walls in groups of their names of the slot ``wall``.
 
     Raises
     ------
     InputError
-        If the packing is empty or not finite, or the name is not one word.
+        If the packing is empty or not finite, a wall is named that there is not, or the name is not one word.
     """
     check_word(name)
-    return {f"{name}{suffix}": _commands(packing, bodies(packing), options or ThreedecOptions(), name)}
+    options = options or ThreedecOptions()
+    found = surfaces(packing, options)
+    return {f"{name}{suffix}": _commands(packing, bodies(packing), found, options=options, name=name)}
 
 
-def _commands(packing: Packing, sizes: Bodies, options: ThreedecOptions, name: str) -> Iterator[bytes]:
+def _commands(
+    packing: Packing, sizes: Bodies, found: Surfaces, *, options: ThreedecOptions, name: str
+) -> Iterator[bytes]:
     """Yield the walls, which are made first and named by being all that there is, then the grains and the joints."""
     ends = world_bounds(packing)
     d = float(np.median(sizes.diameters))
@@ -126,11 +145,16 @@ def _commands(packing: Packing, sizes: Bodies, options: ThreedecOptions, name: s
         yield b"block group 'walls'\n"
     for rows, part in parts(packing):
         yield _grains(part, sizes, rows).encode()
-    names, told = grain_names(packing), table_of_text(packing.densities[:, None], digits=12)
+    names = grain_names(packing)
+    groups, pairs = _frictions(found, container, names)
+    yield groups.encode()
+    told = table_of_text(packing.densities[:, None], digits=12)
     # A force over a face of 0.2 d² that takes up what the heaviest grain gains in its fall.
     drop = height(packing, ends)
     stiffness = 2 * float(sizes.masses.max()) * options.gravity * drop / (0.2 * d**2 * (options.depth * d) ** 2)
-    joint = f"stiffness-normal {stiffness:.9g} stiffness-shear {stiffness:.9g} "
+    springs = f"stiffness-normal {stiffness:.9g} stiffness-shear {stiffness:.9g}"
+    # That of most pairs.
+    default = _angle(found.between(0, len(found.levels) - 1))
     yield _FOOTER.substitute(
         density=told[0],
         densities="\n".join([
@@ -138,10 +162,49 @@ def _commands(packing: Packing, sizes: Bodies, options: ThreedecOptions, name: s
             for grain, density in zip(names, told, strict=True)
             if density != told[0]
         ]),
-        joint=f"{joint}friction {np.degrees(np.arctan(one_friction(packing, options.friction))):.9g}",
+        joint=f"{springs} friction {default}",
+        pairs="".join([
+            f"block contact property friction {angle} {pair}\n"
+            f"block contact material-table add jmodel mohr property {springs} friction {angle} {pair}\n"
+            for pair, angle in pairs.items()
+            if angle != default
+        ]),
         gravity=rows_of_text(options.gravity * down(packing), [3])[0],
         fixed="block fix range group 'walls'" if container else "",
     ).encode()  # fmt: skip
+
+
+def _angle(friction: float) -> str:
+    """Return a coefficient of friction as the angle [°] that joints have."""
+    return f"{np.degrees(np.arctan(friction)):.9g}"
+
+
+def _frictions(found: Surfaces, container: dict[str, Floats], names: list[str]) -> tuple[str, dict[str, str]]:
+    """Return commands that put grains and walls into groups by friction, and the angle of each pair of groups.
+
+    There are none where all joints are alike. No two pairs have a joint in common, so that their order does not matter.
+    """
+    own = {wall: found.of_wall(wall) for wall in container}
+    levels = range(len(found.levels))
+    if len(levels) == 1 and all(found.at(0, value) == found.levels[0] for value in own.values()):
+        return "", {}
+    grains = zip(names, (found.of + 1).tolist(), strict=True)
+    lines = [f"block group 'friction_{k}' slot 'friction' range group '{grain}' slot 'grain'\n" for grain, k in grains]
+    for wall, corners in container.items():
+        middle, reach = corners.mean(axis=0), 1e-3 * np.ptp(corners, axis=0)
+        box = table_of_text(np.stack([middle - reach, middle + reach], axis=1).reshape(1, 6), digits=12)[0].split()
+        lines.append("block group '{}' slot 'wall' range pos-x {} {} pos-y {} {} pos-z {} {}\n".format(wall, *box))
+    between = {
+        f"range group-intersection 'friction_{a + 1}' 'friction_{b + 1}'": _angle(found.between(a, b))
+        for b in levels
+        for a in range(b + 1)
+    }
+    at = {
+        f"range group-intersection 'friction_{a + 1}' '{wall}'": _angle(found.at(a, value))
+        for wall, value in own.items()
+        for a in levels
+    }
+    return "".join(lines), between | at
 
 
 def _bricks(packing: Packing, ends: Floats, choice: str, thickness: float) -> dict[str, Floats]:

@@ -35,12 +35,17 @@ Length 1 = $length m, mass 1 = $mass kg, time 1 = $time s.
 yade $name.py               shows the scene, ready to run $steps steps
 yade -n -x $name.py         builds it and ends
 
-Run it in its own folder: $name.npz is looked for there.
+It may be run from any folder: $name.npz is looked for beside it.
 """
+import inspect
+import os
+
 import numpy
 from yade import polyhedra_utils
 
-bed = numpy.load("$name.npz")$cell
+# In Yade __file__ is Yade's own.
+folder = os.path.dirname(inspect.currentframe().f_code.co_filename)
+bed = numpy.load(os.path.join(folder, "$name.npz"))$cell
 
 
 def material(density):

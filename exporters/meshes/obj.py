@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from exporters.check import check_choice, check_name, class_texts, grain_names, measured, stretches
+from exporters.meshes.union import united, what_united
 from exporters.text import filled
 from exporters.units import check_units, chosen_units, factors_of
 from grainsdem.geometry.integrals import volumes
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ObjOptions:
-    """Where the file's origin lies, and its units.
+    """Where the file's origin lies, its units, and whether it is one mesh.
 
     Parameters
     ----------
@@ -31,6 +32,8 @@ class ObjOptions:
         That of the packing, or the lower corner of its domain.
     units : {"si", "mm", "grain"} or float
         Metres, millimetres, median grain diameters, or another length in metres: a comment says which.
+    merge : bool
+        One object of one surface, the union of all grains, in place of one a grain.
 
     Raises
     ------
@@ -40,6 +43,7 @@ class ObjOptions:
 
     origin: Literal["world", "domain"] = "world"
     units: Units = "si"
+    merge: bool = False
 
     def __post_init__(self) -> None:
         check_choice("origin", self.origin, ("world", "domain"))
@@ -70,7 +74,8 @@ def files(
     check_name(name)
     options = options or ObjOptions()
     length = chosen_units(options.units, measured(packing).volumes, packing.densities).length
-    return {f"{name}{suffix}": _objects(packing, options.origin, length)}
+    names = [name] if options.merge else grain_names(packing)
+    return {f"{name}{suffix}": _objects(united(packing) if options.merge else packing, names, options.origin, length)}
 
 
 def factors(packing: Packing, options: ObjOptions) -> dict[str, float]:
@@ -79,10 +84,15 @@ def factors(packing: Packing, options: ObjOptions) -> dict[str, float]:
     return {**factors_of(scales), "mass": 1.0, "time": 1.0}
 
 
-def _objects(packing: Packing, origin: str, length: float) -> Iterator[bytes]:
+def report(packing: Packing, options: ObjOptions) -> dict[str, Any]:
+    """Return what merging does to the grains; nothing where they are not merged."""
+    return what_united(packing) if options.merge else {}
+
+
+def _objects(packing: Packing, names: list[str], origin: str, length: float) -> Iterator[bytes]:
     """Yield the file, a stretch of grains at a time."""
     yield b"# metres\n" if length == 1.0 else f"# unit {length!r} m\n".encode()
-    names, shift = grain_names(packing), packing.domain.lower if origin == "domain" else 0.0
+    shift = packing.domain.lower if origin == "domain" else 0.0
     n_before = packing.grains.vertex_offsets
     for first, part in stretches(packing):
         grains, cut = part.grains, triangles(part.grains)

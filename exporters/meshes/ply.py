@@ -1,13 +1,14 @@
-"""PLY, binary: one mesh, each face with its grain's id."""
+"""PLY, binary: one mesh, each vertex or each face with its grain's id."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from exporters.check import check_name, measured, stretches
+from exporters.check import check_choice, check_name, measured, stretches
+from exporters.meshes.union import united, what_united
 from grainsdem.geometry.rotations import world_vertices
 from grainsdem.geometry.triangles import best_apexes, triangles
 from grainsdem.ragged import offsets_from_counts, owners, sum_rows
@@ -22,13 +23,13 @@ if TYPE_CHECKING:
 MOST_CORNERS = 255
 """Corners of a face that its one byte can count; VTK takes no wider count."""
 
-TRIANGLE = [("count", "u1"), ("corners", "<i4", 3), ("grain", "<i4")]
-"""What the file has of one triangle; its grain's class comes after that, where grains have classes."""
+IDS = ("vertex", "face", "none")
+"""Where the ids of grains may stand."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlyOptions:
-    """What the faces are, and how exact the vertices.
+    """What the faces are, how exact the vertices, and where ids stand.
 
     Parameters
     ----------
@@ -36,19 +37,35 @@ class PlyOptions:
         The grains' own faces, for ParaView, MeshLab or Blender; else triangles, since some readers take no faces of
         different numbers of corners. A face of more than 255 corners, which PLY does not count, is cut into such.
     double : bool
-        Vertices in double precision, which some viewers do not read, and not in single.
+        Vertices in double precision; in single, which is what Gmsh reads, a grain of a wide bed loses some 1e-6 of its
+        volume.
+    ids : {"vertex", "face", "none"}
+        Whether the grain, and its class where it has one, is a property of every vertex, which most readers take or
+        pass over; of every face, which meshio does not read; or left out, for Gmsh.
+    merge : bool
+        One surface, the union of all grains, of triangles and without ids.
+
+    Raises
+    ------
+    InputError
+        If ids is not one of those allowed.
     """
 
     polygons: bool = False
-    double: bool = False
+    double: bool = True
+    ids: Literal["vertex", "face", "none"] = "vertex"
+    merge: bool = False
+
+    def __post_init__(self) -> None:
+        check_choice("ids", self.ids, IDS)
 
 
 Options = PlyOptions
 
 LOSES = (
     "Polygons are cut into triangles, unless polygons is chosen.",
-    "Vertices are rounded to single precision, unless double is chosen.",
     "Masses, densities and poses are not carried.",
+    "Readers may round vertices to single precision, as VTK does.",
 )
 """What the format does not carry."""
 
@@ -56,9 +73,9 @@ LOSES = (
 def files(
     packing: Packing, *, name: str = "bed", suffix: str = ".ply", options: PlyOptions | None = None
 ) -> dict[str, Iterator[bytes]]:
-    """Return the one file: vertices in metres, and faces with the property ``grain``.
+    """Return the one file: vertices in metres, which grains do not share, with the property ``grain``, and faces.
 
-    Where grains have classes, that of a face's grain is its property ``class``.
+    Where grains have classes, that of a vertex's grain is its property ``class``.
 
     Raises
     ------
@@ -68,46 +85,69 @@ def files(
     check_name(name)
     measured(packing)
     options = options or PlyOptions()
+    if options.merge:
+        packing, options = united(packing), replace(options, ids="none")
     return {f"{name}{suffix}": _content(packing, options)}
+
+
+def report(packing: Packing, options: PlyOptions) -> dict[str, Any]:
+    """Return what merging does to the grains; nothing where they are not merged."""
+    return what_united(packing) if options.merge else {}
 
 
 def _content(packing: Packing, options: PlyOptions) -> Iterator[bytes]:
     grains = packing.grains
     real = "double" if options.double else "float"
+    words = ["grain", *(["class"] if packing.classes is not None else [])]
     counts = np.diff(grains.face_vertex_offsets)
     n_faces = int((_n_parts(counts) if options.polygons else np.maximum(counts - 2, 0)).sum())
+    marked = [f"property int {word}" for word in words]
     header = [
         "ply",
         "format binary_little_endian 1.0",
         "comment metres",
         f"element vertex {len(grains.vertices)}",
         *(f"property {real} {axis}" for axis in "xyz"),
+        *(marked if options.ids == "vertex" else []),
         f"element face {n_faces}",
         "property list uchar int vertex_indices",
-        "property int grain",
-        *(["property int class"] if packing.classes is not None else []),
+        *(marked if options.ids == "face" else []),
         "end_header",
     ]
     yield ("\n".join(header) + "\n").encode()
-    for _, part in stretches(packing):
-        yield world_vertices(part).astype("<f8" if options.double else "<f4").tobytes()
+    for first, part in stretches(packing):
+        marks = _marks(part, first, options.ids == "vertex")
+        yield _vertices(part, marks, "<f8" if options.double else "<f4").tobytes()
     faces = _polygons if options.polygons else _triangles
     for first, part in stretches(packing):
-        marks = np.arange(first, first + len(part))[:, None]
-        if part.classes is not None:
-            marks = np.column_stack([marks, part.classes])
+        marks = _marks(part, first, options.ids == "face")
         yield faces(part.grains, marks, grains.vertex_offsets[first : first + len(part)]).tobytes()
 
 
+def _marks(part: Packing, first: int, is_marked: bool) -> NDArray[np.int64]:
+    """Return what each grain of a stretch is marked with: its number and class, or nothing, shape (n, k)."""
+    numbers = np.arange(first, first + len(part))
+    columns = [numbers] if part.classes is None else [numbers, part.classes.astype(np.int64)]
+    return np.column_stack(columns)[:, : len(columns) * is_marked]
+
+
+def _vertices(part: Packing, marks: NDArray[np.int64], real: str) -> NDArray[Any]:
+    """Return the vertices in the world with their grain's marks."""
+    ids = owners(part.grains.vertex_offsets)
+    records = np.empty(len(ids), dtype=[("place", real, 3), ("marks", "<i4", marks.shape[1])])
+    records["place"] = world_vertices(part)
+    records["marks"] = marks[ids]
+    return records
+
+
 def _triangles(grains: Polyhedra, marks: NDArray[np.int64], starts: NDArray[np.int64]) -> NDArray[Any]:
-    """Return the triangles of grains with some numbers each, whose vertices start where it is said."""
+    """Return the triangles of grains with their marks, whose vertices start where it is said."""
     cut = triangles(grains, apexes=best_apexes(grains))
     ids = owners(cut.offsets)
-    records = np.empty(len(ids), dtype=[*TRIANGLE, ("class", "<i4")][: 2 + marks.shape[1]])
+    records = np.empty(len(ids), dtype=[("count", "u1"), ("corners", "<i4", 3), ("marks", "<i4", marks.shape[1])])
     records["count"] = 3
     records["corners"] = cut.indices + starts[ids][:, None]
-    for name, numbers in zip(("grain", "class"), marks.T, strict=False):
-        records[name] = numbers[ids]
+    records["marks"] = marks[ids]
     return records
 
 

@@ -7,7 +7,7 @@ each grain is closed and no triangle is without area.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from exporters.check import (
     shapes_of,
     stretches,
 )
+from exporters.meshes.union import united, what_united
 from exporters.text import filled
 from exporters.units import check_units, chosen_units
 from grainsdem.errors import InputError
@@ -69,6 +70,8 @@ class StlOptions:
         Binary, with a table beside it that says which triangles are which grain's; else ASCII, one named solid a grain.
     per_grain : bool
         One file a grain, ``bed/g000000.stl`` and on, in place of one for all.
+    merge : bool
+        One surface, the union of all grains, without a table.
     origin : {"world", "domain"}
         Where the file's origin lies: that of the packing, or the lower corner of its domain, for a packing so far
         from its origin that single precision would blur it.
@@ -79,23 +82,31 @@ class StlOptions:
     Raises
     ------
     InputError
-        If the origin or the units are not among those allowed.
+        If the origin or the units are not among those allowed, or grains are to be merged and written one by one.
     """
 
     binary: bool = True
     per_grain: bool = False
+    merge: bool = False
     origin: Literal["world", "domain"] = "world"
     units: Units = "si"
 
     def __post_init__(self) -> None:
         check_choice("origin", self.origin, ("world", "domain"))
         check_units(self.units)
+        if self.merge and self.per_grain:
+            raise InputError(
+                "grains are either merged into one surface or written to a file each; got merge and per_grain"
+            )
 
 
 Options = StlOptions
 
 LOSES = (
-    "Polygons are cut into triangles, and vertices are rounded to single precision.",
+    (
+        "Polygons are cut into triangles, and vertices are rounded to single precision: a grain's volume changes by up "
+        "to some 1e-7 of its distance from the origin over its diameter, by 2.3e-6 at worst in a bed of 16 000."
+    ),
     "Masses, densities and poses are not carried; which triangles are which grain's stands in the table beside it.",
 )
 """What the format does not carry."""
@@ -120,11 +131,16 @@ def files(
     options = options or StlOptions()
     sizes = measured(packing).volumes
     length = chosen_units(options.units, sizes, packing.densities).length
+    if options.merge:
+        packing = united(packing)
+        sizes = integrate(packing.grains).volumes
     plan = _planned(packing, sizes, options.origin, length)
     if options.per_grain:
         return _one_a_grain(packing, name, suffix, options, length)
     if not options.binary:
         return {f"{name}{suffix}": _ascii(packing, plan)}
+    if options.merge:
+        return {f"{name}{suffix}": _binary(packing, plan)}
     return {
         f"{name}{suffix}": _binary(packing, plan),
         f"{name}{TABLE}": _table(plan.counts, packing.classes),
@@ -135,6 +151,32 @@ def factors(packing: Packing, options: StlOptions) -> dict[str, float]:
     """Return the factors from the file's units to SI; it has no masses and no times."""
     length = chosen_units(options.units, integrate(packing.grains).volumes, packing.densities).length
     return {"length": length, "mass": 1.0, "time": 1.0}
+
+
+def report(packing: Packing, options: StlOptions) -> dict[str, Any]:
+    """Return what single precision does to volumes: of all grains together, and of the grain that it changes most.
+
+    Where grains are merged it is what that does to them.
+    """
+    if options.merge:
+        return what_united(packing)
+    sizes = measured(packing).volumes
+    length = chosen_units(options.units, sizes, packing.densities).length
+    plan = _planned(packing, sizes, options.origin, length)
+    kept = length**3 * np.concatenate([_volumes(part) for _, part in _surfaces(packing, plan)])
+    return {
+        "volume_change": float(kept.sum() / sizes.sum() - 1.0),
+        "largest_volume_change_of_a_grain": float(np.abs(kept / sizes - 1.0).max()),
+    }
+
+
+def _volumes(part: Facets) -> NDArray[np.float64]:
+    """Return the volume that the triangles of each grain enclose."""
+    corners = part.corners.astype(np.float64)
+    # About a corner of each grain: far from the origin little would be left of the differences.
+    corners -= corners[part.offsets[:-1], 0][owners(part.offsets)][:, None]
+    parts = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6
+    return sum_rows(parts, part.offsets)
 
 
 def surface(packing: Packing, origin: Literal["world", "domain"] = "world") -> tuple[Singles, Offsets]:
@@ -178,9 +220,8 @@ class _Plan(NamedTuple):
 
 def _planned(packing: Packing, volumes: NDArray[np.float64], origin: str, length: float) -> _Plan:
     """Return the plan of a surface, once all grains are known to keep their volume in single precision."""
-    plan = _Plan(
-        packing.domain.lower if origin == "domain" else 0.0, length, np.empty(len(packing), dtype=np.int64), []
-    )
+    shift = packing.domain.lower if origin == "domain" else 0.0
+    plan = _Plan(shift, length, np.empty(len(packing), dtype=np.int64), [])
     bad = np.empty(len(packing), dtype=bool)
     farthest = 0.0
     for first, part in stretches(packing):

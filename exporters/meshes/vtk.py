@@ -42,6 +42,9 @@ class VtkOptions:
         Whether every cell has its grain's measures, all columns of `grainsdem.table`, beside the grain's id.
     precision : {"single", "double"}
         Of the measures; points are in double precision.
+    by_corners : bool
+        Grains with few corners first, in place of the order of their ids: meshio, which keeps polyhedra by their
+        numbers of corners, does not read them in another. The cells' ``id`` says which is which.
 
     Raises
     ------
@@ -51,6 +54,7 @@ class VtkOptions:
 
     measures: bool = True
     precision: Literal["single", "double"] = "single"
+    by_corners: bool = False
 
     def __post_init__(self) -> None:
         check_choice("precision", self.precision, ("single", "double"))
@@ -115,7 +119,11 @@ def files(
     measured(packing)
     options = options or VtkOptions()
     build = _polyhedra if suffix.lower() == ".vtu" else _polygons
-    return {f"{name}{suffix}": build(packing, options)}
+    ids = np.arange(len(packing))
+    if options.by_corners:
+        ids = np.argsort(np.diff(packing.grains.vertex_offsets), kind="stable")
+        packing = subset(packing, ids)
+    return {f"{name}{suffix}": build(packing, options, ids)}
 
 
 def series(
@@ -177,7 +185,7 @@ def series(
         '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1" byte_order="LittleEndian">\n'
         f"<Collection>\n{rows}</Collection>\n</VTKFile>\n"
     )
-    frames = {file: _polygons(state, options) for file, state in zip(names, moved, strict=True)}
+    frames = {file: _polygons(state, options, np.arange(len(state))) for file, state in zip(names, moved, strict=True)}
     return {f"{name}.pvd": index.encode(), **frames}
 
 
@@ -188,7 +196,7 @@ def _moved(packing: Packing, positions: NDArray[np.float64], quaternions: NDArra
     return subset(moved, np.flatnonzero(~is_absent)) if is_absent.any() else moved
 
 
-def _polygons(packing: Packing, options: VtkOptions) -> Iterator[bytes]:
+def _polygons(packing: Packing, options: VtkOptions, ids: NDArray[np.int64]) -> Iterator[bytes]:
     """Return the file of one polygon a face."""
     grains = packing.grains
 
@@ -201,13 +209,13 @@ def _polygons(packing: Packing, options: VtkOptions) -> Iterator[bytes]:
             _made(packing, corners, name="connectivity", n_rows=len(grains.face_vertices)),
             _whole("offsets", grains.face_vertex_offsets[1:]),
         ],
-        "CellData": _measures(packing, options, np.diff(grains.face_offsets)),
+        "CellData": _measures(packing, options, ids, np.diff(grains.face_offsets)),
     }
     counts = f'NumberOfPoints="{len(grains.vertices)}" NumberOfPolys="{grains.n_faces}"'
     return _file("PolyData", counts, pieces)
 
 
-def _polyhedra(packing: Packing, options: VtkOptions) -> Iterator[bytes]:
+def _polyhedra(packing: Packing, options: VtkOptions, ids: NDArray[np.int64]) -> Iterator[bytes]:
     """Return the file of one polyhedron a grain."""
     grains = packing.grains
     n = len(grains)
@@ -229,7 +237,7 @@ def _polyhedra(packing: Packing, options: VtkOptions) -> Iterator[bytes]:
             _made(packing, faces, name="faces", n_rows=int(face_ends[-1])),
             _whole("faceoffsets", face_ends),
         ],
-        "CellData": _measures(packing, options, None),
+        "CellData": _measures(packing, options, ids, None),
     }
     counts = f'NumberOfPoints="{len(grains.vertices)}" NumberOfCells="{n}"'
     return _file("UnstructuredGrid", counts, pieces)
@@ -264,10 +272,12 @@ def _face_stream(packing: Packing, first: int) -> NDArray[np.int64]:
     return stream
 
 
-def _measures(packing: Packing, options: VtkOptions, repeats: NDArray[np.int64] | None) -> list[_Array]:
+def _measures(
+    packing: Packing, options: VtkOptions, ids: NDArray[np.int64], repeats: NDArray[np.int64] | None
+) -> list[_Array]:
     """Return the arrays on the cells, each grain's value as often as it has cells."""
     rows = table(packing)
-    arrays = [_whole("id", np.arange(len(packing), dtype=np.int32), repeats)]
+    arrays = [_whole("id", ids.astype(np.int32), repeats)]
     if options.measures:
         real = np.float32 if options.precision == "single" else np.float64
         for column in rows.dtype.names or ():
@@ -288,9 +298,11 @@ def _file(kind: str, counts: str, pieces: dict[str, list[_Array]]) -> Iterator[b
     for part, arrays in pieces.items():
         lines.append(f"<{part}>")
         for array in arrays:
+            width = f' NumberOfComponents="{array.width}"' if array.width > 1 else ""
             lines.append(
-                f'<DataArray type="{_KINDS[array.dtype.str[1:]]}" Name={quoteattr(array.name)} '
-                f'NumberOfComponents="{array.width}" format="appended" offset="{start}"/>'
+                # Where there is one component none are told: meshio makes a column of what says 1.
+                f'<DataArray type="{_KINDS[array.dtype.str[1:]]}" Name={quoteattr(array.name)}'
+                f'{width} format="appended" offset="{start}"/>'
             )
             start += 8 + array.size
         lines.append(f"</{part}>")

@@ -10,13 +10,14 @@ import numpy as np
 
 from exporters.check import check_choice, check_name, check_positive, measured
 from exporters.meshes.stl import binary
-from exporters.openfoam import region as regions
-from exporters.openfoam import surface
-from exporters.openfoam.dictionaries import Case, texts
+from exporters.openfoam.dictionaries import SIDES, Case, texts
 from exporters.openfoam.flow import Flow, flow, kozeny_carman
 from exporters.openfoam.point import void_point
-from exporters.openfoam.solids import TREATMENTS, Frame, Solids, as_manifolds, cut, flow_domain, fused, treat, void
+from exporters.void import region as regions
+from exporters.void import surface
+from exporters.void.solids import TREATMENTS, Frame, Solids, as_manifolds, cut, flow_domain, fused, treat, void
 from grainsdem.errors import InputError
+from grainsdem.geometry.bounds import boxes
 from grainsdem.geometry.triangles import vector_areas
 from grainsdem.packing import contacts
 from grainsdem.roots import cube_roots
@@ -24,7 +25,7 @@ from grainsdem.roots import cube_roots
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from exporters.openfoam.region import Region
+    from exporters.void.region import Region
     from grainsdem.model import Packing
 
     Floats = NDArray[np.float64]
@@ -38,9 +39,10 @@ class OpenFoamOptions:
 
     Parameters
     ----------
-    region : {"core", "bed"} or tuple of two array_like, shape (3,)
+    region : {"core", "bed", "periodic"} or tuple of two array_like, shape (3,)
         The inside of the bed, away from its walls; the whole bed between its walls, with a diameter of free length
-        before and behind it; or the corners [m] of a box.
+        before and behind it; the whole cell of a bed that is periodic along the flow, its opposite faces ``cyclic`` and
+        the fluid driven by a mean pressure gradient, so that flow has no ends; or the corners [m] of a box.
     axis : {"x", "y", "z"}
         Along which fluid flows, from the lower face to the upper.
     contact : {"shrink", "cap", "bridge", "union", "none"}
@@ -61,6 +63,9 @@ class OpenFoamOptions:
         Where the case's origin lies: that of the packing, or the region's lower corner.
     void_mesh : bool
         Whether the void is also written as a closed surface of its own, one solid a patch, for other meshers.
+    per_grain : bool
+        Whether each grain has a patch of its own, ``grains_g000012``, all in the group ``grains``; images of one grain
+        share it. Needs grains that stay apart (``"shrink"``, ``"cap"``, ``"none"``), at most `MOST_PATCHES` of them.
 
     Raises
     ------
@@ -68,7 +73,7 @@ class OpenFoamOptions:
         If an option is out of range.
     """
 
-    region: Literal["core", "bed"] | tuple[ArrayLike, ArrayLike] = "core"
+    region: Literal["core", "bed", "periodic"] | tuple[ArrayLike, ArrayLike] = "core"
     axis: Literal["x", "y", "z"] = "z"
     contact: Literal["shrink", "cap", "bridge", "union", "none"] = "shrink"
     gap: float | None = None
@@ -78,6 +83,7 @@ class OpenFoamOptions:
     viscosity: float = 1e-6
     origin: Literal["world", "region"] = "world"
     void_mesh: bool = True
+    per_grain: bool = False
 
     def __post_init__(self) -> None:
         check_choice("axis", self.axis, ("x", "y", "z"))
@@ -87,14 +93,21 @@ class OpenFoamOptions:
             check_positive("gap", self.gap)
         for name in ("cells", "reynolds", "viscosity"):
             check_positive(name, getattr(self, name))
+        if self.per_grain and self.contact in ("bridge", "union"):
+            raise InputError(
+                f"per_grain needs grains that stay apart: contact shrink, cap or none; got {self.contact!r}"
+            )
         if not (isinstance(self.level, int) and 0 <= self.level <= 5):
             raise InputError(f"level must be a whole number from 0 to 5; got {self.level!r}")
 
 
 Options = OpenFoamOptions
 
+MOST_PATCHES = 1000
+"""Patches of grains that a case may have: every field holds each, and every process tells every other of each."""
+
 LOSES = (
-    "Grains are one surface, with contacts treated as the case's report says: triangles know neither grain nor class.",
+    "Grains are one surface unless told, with contacts treated as the case's report says; classes are not carried.",
     "Masses and poses are not carried.",
 )
 """What the format does not carry."""
@@ -105,7 +118,7 @@ def files(
 ) -> dict[str, bytes]:
     """Return the files of a case: path in the case's folder to bytes.
 
-    Besides the dictionaries: ``constant/triSurface/grains.stl``, grains cut a tenth of a diameter outside the region;
+    Besides the dictionaries: ``constant/triSurface/grains.stl``, grains cut at the faces of the region;
     ``void.stl``, the region less the grains, closed, its patches inlet, outlet, sides and grains; ``case.json``, the
     report: porosity and surface area of the region before and after the contacts were treated, the smallest gap before
     and the cell size that would resolve it, the point of the void and its clearance, and the flow's numbers.
@@ -123,8 +136,10 @@ def files(
     axis = "xyz".index(options.axis)
     region = regions.choose(packing, options.region, axis, d)
     gap = 0.02 * d if options.gap is None else options.gap
-    margin = regions.MARGIN * d
-    grains = regions.gather(packing, region, margin + gap)
+    beyond = regions.BEYOND * d if any(region.cyclic) else 0.0
+    # Every grain of a periodic cell with all its neighbours: its images are to be treated alike.
+    reach = regions.REACH * gap + beyond + (_widest(packing) if any(region.cyclic) else 0.0)
+    grains, numbers = regions.gather(packing, region, reach)
     frame = Frame(region.lower.copy(), d)
     treated = treat(grains, options.contact, gap, frame)
     report = _report(grains, treated, region, frame, gap)
@@ -144,10 +159,15 @@ def files(
         options.viscosity,
         drop,
         bool(len(region.planes)),
+        region.cyclic,
+        options.per_grain,
     )
     content = {path: text.encode() for path, text in texts(case).items()}
-    content["constant/triSurface/grains.stl"] = binary(
-        surface.rounded(cut(treated.bodies, region, margin, frame), frame, shift)
+    around = region.grown(beyond)
+    content["constant/triSurface/grains.stl"] = (
+        _named(treated, numbers, around, frame, shift)
+        if options.per_grain
+        else binary(surface.rounded(cut(treated.bodies, around, frame), frame, shift))
     )
     if len(region.planes):
         # Longer than the region: its ends are those of the background mesh.
@@ -162,6 +182,7 @@ def files(
         "upper": (region.upper + shift).tolist(),
         "moved_by": shift.tolist(),
         "axis": options.axis,
+        "periodic": region.cyclic[axis],
         "mean_diameter": d,
         "cells": cells.tolist(),
         "cell_size": d / options.cells / 2**options.level,
@@ -173,6 +194,25 @@ def files(
     }
     content["case.json"] = (json.dumps(report, indent=2) + "\n").encode()
     return content
+
+
+def _named(treated: Solids, numbers: NDArray[np.int64], region: Region, frame: Frame, shift: Floats) -> bytes:
+    """Return the grains as ASCII STL, one named solid a grain, images of it included."""
+    parts: dict[int, list[Floats]] = {}
+    for body, number in zip(treated.bodies, numbers.tolist(), strict=True):
+        if inside := cut([body], region, frame):
+            parts.setdefault(number, []).append(surface.rounded(inside, frame, shift).astype(np.float64))
+    if len(parts) > MOST_PATCHES:
+        raise InputError(
+            f"per_grain makes a patch a grain, at most {MOST_PATCHES}; got {len(parts)} grains in the region"
+        )
+    return surface.ascii_stl({f"g{number:06d}": np.concatenate(parts[number]) for number in sorted(parts)})
+
+
+def _widest(packing: Packing) -> float:
+    """Return the longest edge [m] of the box around any grain."""
+    lower, upper = boxes(packing)
+    return float((upper - lower).max())
 
 
 def _report(grains: Packing, treated: Solids, region: Region, frame: Frame, gap: float) -> dict[str, Any]:
@@ -199,7 +239,7 @@ def _report(grains: Packing, treated: Solids, region: Region, frame: Frame, gap:
 
 def _sizes(bodies: list[Any], region: Region, frame: Frame) -> tuple[float, float]:
     """Return the volume [m³] of bodies inside a region, and their surface [m²] there without the cuts."""
-    inside = cut(bodies, region, 0.0, frame)
+    inside = cut(bodies, region, frame)
     if len(region.planes):
         container = flow_domain(region, frame)
         inside = [part for body in inside if not (part := body ^ container).is_empty()]
@@ -229,12 +269,10 @@ def _void(treated: Solids, region: Region, frame: Frame, axis: int, shift: Float
     """Return the void as closed ASCII STL, one solid a patch."""
     triangles = surface.rounded([void(treated.bodies, region, frame)], frame, shift).astype(np.float64)
     face = surface.on_faces(triangles, region.moved(shift), frame.length)
-    ends = (2 * axis, 2 * axis + 1)
-    patches = {
-        "inlet": triangles[face == ends[0]],
-        "outlet": triangles[face == ends[1]],
-        "sides": triangles[(face >= 0) & (face < 6) & ~np.isin(face, ends)],
-        "walls": triangles[face >= 6],
-        "grains": triangles[face < 0],
-    }
-    return surface.ascii_stl({name: part for name, part in patches.items() if len(part)})
+    names = [
+        SIDES[k] if region.cyclic[k // 2] else ("inlet", "outlet")[k % 2] if k // 2 == axis else "sides"
+        for k in range(6)
+    ]
+    patch_of = np.array([*names, *["walls"] * len(region.planes), "grains"])[face]
+    order = [*dict.fromkeys(["inlet", "outlet", *sorted(set(names) - {"inlet", "outlet"}), "walls", "grains"])]
+    return surface.ascii_stl({name: part for name in order if len(part := triangles[patch_of == name])})

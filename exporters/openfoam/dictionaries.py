@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
+
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
+
+SIDES = ("x_lower", "x_upper", "y_lower", "y_upper", "z_lower", "z_upper")
+"""Patches of the faces along the flow, all in the group ``sides``."""
 
 
 class Case(NamedTuple):
@@ -34,6 +38,10 @@ class Case(NamedTuple):
         Kinematic pressure [m²/s²] at the inlet; zero at the outlet.
     has_walls : bool
         Whether there is a surface of the container's walls besides that of the grains.
+    cyclic : tuple of bool, shape (3,)
+        Along which axes opposite faces are one; along the flow, the pressure's mean gradient is a force on the fluid.
+    per_grain : bool
+        Whether the surface of grains has a region a grain.
     """
 
     lower: Floats
@@ -46,12 +54,24 @@ class Case(NamedTuple):
     viscosity: float
     pressure_drop: float
     has_walls: bool
+    cyclic: tuple[bool, bool, bool] = (False, False, False)
+    per_grain: bool = False
+
+    @property
+    def is_periodic(self) -> bool:
+        """Whether fluid that leaves comes in again."""
+        return self.cyclic[self.axis]
 
 
 def texts(case: Case) -> dict[str, str]:
     """Return the dictionaries of a case and the script that runs it: path to text."""
+    ends = SIDES[2 * case.axis : 2 * case.axis + 2] if case.is_periodic else ("inlet", "outlet")
+    driven = {
+        "constant/fvOptions": _head("dictionary", "fvOptions") + _force(case),
+        "constant/fvModels": _head("dictionary", "fvModels") + _force_foundation(case),
+    }
     return {
-        "Allrun": _ALLRUN,
+        "Allrun": _ALLRUN.replace("@ENDS@", " ".join(ends)),
         "0.orig/U": _head("volVectorField", "U") + _velocity(case),
         "0.orig/p": _head("volScalarField", "p") + _pressure(case),
         # Which of the two a version reads: up to OpenFOAM 9 and all of ESI's the first, later ones the second.
@@ -65,11 +85,19 @@ def texts(case: Case) -> dict[str, str]:
         "system/snappyHexMeshDict": _head("dictionary", "snappyHexMeshDict") + _snappy(case),
         "system/surfaceFeatureExtractDict": _head("dictionary", "surfaceFeatureExtractDict") + _features(case),
         "system/surfaceFeaturesDict": _head("dictionary", "surfaceFeaturesDict") + _features_foundation(case),
-        "system/decomposeParDict": _head("dictionary", "decomposeParDict") + "numberOfSubdomains 2;\nmethod scotch;\n",
-        "system/controlDict": _head("dictionary", "controlDict") + _CONTROL,
+        "system/decomposeParDict": _head("dictionary", "decomposeParDict") + _parted(case),
+        "system/controlDict": _head("dictionary", "controlDict")
+        + _CONTROL.replace("@RATE@", _DRIFT if case.is_periodic else _RATE),
         "system/fvSchemes": _head("dictionary", "fvSchemes") + _SCHEMES,
         "system/fvSolution": _head("dictionary", "fvSolution") + _SOLUTION,
+        **(driven if case.is_periodic else {}),
     }
+
+
+def _parted(case: Case) -> str:
+    """Return how the mesh is shared out: in slices along the flow, for which no version lacks a library."""
+    slices = " ".join("$numberOfSubdomains" if k == case.axis else "1" for k in range(3))
+    return f"numberOfSubdomains 2;\nmethod simple;\nsimpleCoeffs {{ n ({slices}); delta 0.001; }}\n"
 
 
 def surfaces(case: Case) -> list[str]:
@@ -85,22 +113,48 @@ def _vector(values: Floats) -> str:
     return "(" + " ".join(f"{value:.12g}" for value in values.tolist()) + ")"
 
 
+def _fields(case: Case, inlet: str, outlet: str, sides: str, still: str) -> str:
+    """Return what a field does at every patch."""
+    told = {} if case.is_periodic else {"inlet": inlet, "outlet": outlet}
+    told |= dict.fromkeys((name for k, name in enumerate(SIDES) if case.cyclic[k // 2]), "type cyclic;")
+    if any(k != case.axis and not case.cyclic[k] for k in range(3)):
+        told["sides"] = sides
+    told |= dict.fromkeys(surfaces(case), still)
+    return "boundaryField\n{\n" + "".join(f"    {name} {{ {does} }}\n" for name, does in told.items()) + "}\n"
+
+
 def _velocity(case: Case) -> str:
-    still = "".join(f"    {name} {{ type noSlip; }}\n" for name in surfaces(case))
-    return (
-        "dimensions [0 1 -1 0 0 0 0];\ninternalField uniform (0 0 0);\nboundaryField\n{\n"
-        "    inlet { type pressureInletOutletVelocity; value uniform (0 0 0); }\n"
-        "    outlet { type pressureInletOutletVelocity; value uniform (0 0 0); }\n"
-        f"    sides {{ type {case.sides}; }}\n{still}}}\n"
+    free = "type pressureInletOutletVelocity; value uniform (0 0 0);"
+    return "dimensions [0 1 -1 0 0 0 0];\ninternalField uniform (0 0 0);\n" + _fields(
+        case, free, free, f"type {case.sides};", "type noSlip;"
     )
 
 
 def _pressure(case: Case) -> str:
-    flat = "".join(f"    {name} {{ type zeroGradient; }}\n" for name in ["sides", *surfaces(case)])
+    flat, held = "type zeroGradient;", "type fixedValue; value uniform"
+    return "dimensions [0 2 -2 0 0 0 0];\ninternalField uniform 0;\n" + _fields(
+        case, f"{held} {case.pressure_drop:.9g};", f"{held} 0;", flat, flat
+    )
+
+
+def _gradient(case: Case) -> str:
+    """Return the mean gradient of the kinematic pressure, turned round, as a vector [m/s²]."""
+    length = float(case.upper[case.axis] - case.lower[case.axis])
+    return _vector(case.pressure_drop / length * np.eye(3)[case.axis])
+
+
+def _force(case: Case) -> str:
     return (
-        "dimensions [0 2 -2 0 0 0 0];\ninternalField uniform 0;\nboundaryField\n{\n"
-        f"    inlet {{ type fixedValue; value uniform {case.pressure_drop:.9g}; }}\n"
-        f"    outlet {{ type fixedValue; value uniform 0; }}\n{flat}}}\n"
+        "drive\n{\n    type vectorSemiImplicitSource;\n    active yes;\n    vectorSemiImplicitSourceCoeffs\n    {\n"
+        "        selectionMode all;\n        volumeMode specific;\n"
+        f"        injectionRateSuSp {{ U ({_gradient(case)} 0); }}\n    }}\n}}\n"
+    )
+
+
+def _force_foundation(case: Case) -> str:
+    return (
+        "drive\n{\n    type semiImplicitSource;\n    select all;\n    cellZone all;\n    volumeMode specific;\n"
+        f"    sources {{ U {{ explicit {_gradient(case)}; implicit 0; }} }}\n}}\n"
     )
 
 
@@ -111,24 +165,33 @@ def _block_mesh(case: Case) -> str:
     ]
     vertices = "".join("    (" + " ".join(f"{x:.12g}" for x in corner) + ")\n" for corner in corners)
     faces = ["(0 4 7 3)", "(1 2 6 5)", "(0 1 5 4)", "(3 7 6 2)", "(0 3 2 1)", "(4 5 6 7)"]
-    inlet, outlet = faces.pop(2 * case.axis), faces.pop(2 * case.axis)
+    kind = "wall" if case.sides == "noSlip" else "patch"
+    patches = []
+    for k, face in enumerate(faces):
+        # A patch a plane: snappyHexMesh keeps the points of a patch in its plane only where it is plane.
+        name, does = SIDES[k], f"type {kind}; inGroups (sides);"
+        if case.cyclic[k // 2]:
+            does = f"type cyclic; neighbourPatch {SIDES[k ^ 1]};"
+        elif k // 2 == case.axis:
+            name, does = ("inlet", "outlet")[k % 2], "type patch;"
+        patches.append(f"    {name} {{ {does} faces ({face}); }}\n")
     counts = " ".join(map(str, case.cells.tolist()))
     return (
         f"vertices\n(\n{vertices});\n"
         f"blocks\n(\n    hex (0 1 2 3 4 5 6 7) ({counts}) simpleGrading (1 1 1)\n);\nedges ();\nboundary\n(\n"
-        f"    inlet {{ type patch; faces ({inlet}); }}\n"
-        f"    outlet {{ type patch; faces ({outlet}); }}\n"
-        f"    sides {{ type {'wall' if case.sides == 'noSlip' else 'patch'}; faces ({' '.join(faces)}); }}\n"
-        ");\nmergePatchPairs ();\n"
+        f"{''.join(patches)});\nmergePatchPairs ();\n"
     )
 
 
 def _snappy(case: Case) -> str:
     names = surfaces(case)
+    # What fields say of the group holds for each patch in it.
+    groups = {"grains": " inGroups (grains);"} if case.per_grain else {}
     geometry = "".join(f"    {name}.stl {{ type triSurfaceMesh; name {name}; }}\n" for name in names)
     features = "".join(f'        {{ file "{name}.eMesh"; level {case.level}; }}\n' for name in names)
     refined = "".join(
-        f"        {name} {{ level ({case.level} {case.level}); patchInfo {{ type wall; }} }}\n" for name in names
+        f"        {name} {{ level ({case.level} {case.level}); patchInfo {{ type wall;{groups.get(name, '')} }} }}\n"
+        for name in names
     )
     return (
         f"castellatedMesh true;\nsnap true;\naddLayers false;\ngeometry\n{{\n{geometry}}}\n"
@@ -190,8 +253,8 @@ addLayersControls
 meshQualityControls
 {
     maxNonOrtho 70;
-    maxBoundarySkewness 20;
-    maxInternalSkewness 4;
+    maxBoundarySkewness 3.9;
+    maxInternalSkewness 3.9;
     maxConcave 80;
     minVol 1e-30;
     minTetQuality 1e-15;
@@ -227,6 +290,10 @@ timePrecision 6;
 runTimeModifiable false;
 functions
 {
+@RATE@}
+"""
+
+_RATE = """\
     flowRate
     {
         type surfaceFieldValue;
@@ -242,7 +309,23 @@ functions
         writeControl timeStep;
         writeInterval 1;
     }
-}
+"""
+
+_DRIFT = """\
+    drift
+    {
+        type volFieldValue;
+        libs (fieldFunctionObjects);
+        fields (U);
+        operation volIntegrate;
+        regionType all;
+        select all;
+        cellZone all;
+        writeFields false;
+        log false;
+        writeControl timeStep;
+        writeInterval 1;
+    }
 """
 
 _SCHEMES = """\
@@ -269,6 +352,8 @@ SIMPLE
 {
     consistent yes;
     nNonOrthogonalCorrectors 1;
+    pRefCell 0;
+    pRefValue 0;
     residualControl { p 1e-5; U 1e-5; }
 }
 relaxationFactors
@@ -321,14 +406,20 @@ else
 fi
 run snappyHexMesh -overwrite
 run checkMesh
-for patch in inlet outlet; do
+for patch in @ENDS@; do
     # Too coarse a mesh closes the throats between grains: what is left around the point is a pocket.
-    if ! grep -q "^ *$patch\\$" constant/polyMesh/boundary; then
+    if ! sed -n "/^ *$patch\\$/,/}/p" constant/polyMesh/boundary | grep -q 'nFaces *[1-9]'; then
         echo "The mesh reaches no $patch: it is too coarse for the throats." >&2
         echo "Export the case with more cells, or with a level above 0." >&2
         exit 1
     fi
 done
+if ! grep -q '^Mesh OK' log.checkMesh; then
+    echo "checkMesh finds the mesh unsound:" >&2
+    sed -n 's/^ *[*][*][*]//p' log.checkMesh >&2
+    echo "Export the case with more cells, another gap or another treatment of contacts." >&2
+    exit 1
+fi
 cp -r 0.orig 0
 if [ "$n" -gt 1 ]; then
     sed -i "s/^numberOfSubdomains .*/numberOfSubdomains $n;/" system/decomposeParDict

@@ -16,6 +16,10 @@ from grainsdem.model.arrays import LONGEST, SHORTEST
 if TYPE_CHECKING:
     import os
 
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
 STEADY = 1e-3
 """Largest relative change of the flow rate over the last tenth of the iterations of a flow that is steady."""
 
@@ -92,9 +96,10 @@ def flow(folder: str | os.PathLike[str]) -> Flow:
         if not path.exists():
             raise MissingFileError(f"{path}: not there; export a case and run its Allrun first")
     case = _case(folder / "case.json")
-    rates = _rates(folder)
     axis = "xyz".index(case["axis"])
     length = float(case["upper"][axis] - case["lower"][axis])
+    # What drifts through a periodic cell: the integral of velocity, which is the flow rate times the length.
+    rates = _drifts(folder)[:, axis] / length if case.get("periodic") else _rates(folder)
     velocity = float(rates[-1]) / (case["volume"] / length)
     permeability = velocity * case["viscosity"] * length / case["kinematic_pressure_drop"]
     late = rates[-max(len(rates) // 10, 2) :]
@@ -131,16 +136,25 @@ def _is_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < LONGEST
 
 
-def _rates(folder: Path) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+def _rates(folder: Path) -> Floats:
     """Return the flow rate [m³/s] through the outlet after each iteration."""
-    found = sorted(
-        (folder / "postProcessing").glob("flowRate/*/surfaceFieldValue*.dat"), key=lambda path: path.stat().st_mtime
-    )
+    return _table(folder, "flowRate/*/surfaceFieldValue*.dat")[:, 1]
+
+
+def _drifts(folder: Path) -> Floats:
+    """Return the integral of velocity [m⁴/s] over the void after each iteration, shape (n, 3)."""
+    return _table(folder, "drift/*/volFieldValue*.dat")[:, 1:4]
+
+
+def _table(folder: Path, pattern: str) -> Floats:
+    """Return the newest table of a name, of a row an iteration; vectors stand in brackets."""
+    found = sorted((folder / "postProcessing").glob(pattern), key=lambda path: path.stat().st_mtime)
     if not found:
         raise MissingFileError(f"{folder / 'postProcessing'}: holds no flow rate; run the case's Allrun first")
     with refusing(found[-1], "not a table of flow rates"), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of a table without rows
-        rates = np.loadtxt(found[-1], comments="#", ndmin=2)[:, 1]
-        if not (rates.size and np.isfinite(rates).all()):
+        lines = found[-1].read_text(encoding="utf-8").replace("(", " ").replace(")", " ").splitlines()
+        rows = np.loadtxt([line for line in lines if not line.startswith("#")], ndmin=2)
+        if not (rows.size and np.isfinite(rows).all() and rows.shape[1] == (4 if "drift" in pattern else 2)):
             raise FileFormatError("it must hold a flow rate or more, all finite")
-    return np.asarray(rates, dtype=np.float64)
+    return np.asarray(rows, dtype=np.float64)

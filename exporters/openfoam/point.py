@@ -13,8 +13,8 @@ from grainsdem.geometry.rotations import to_matrices
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from exporters.openfoam.region import Region
-    from exporters.openfoam.solids import Solids
+    from exporters.void.region import Region
+    from exporters.void.solids import Solids
     from grainsdem.model import Packing
 
     Floats = NDArray[np.float64]

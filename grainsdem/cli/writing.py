@@ -104,7 +104,8 @@ def _for_program(
     if to or len(outputs) != 1:
         raise InputError("--for takes one output and no --to: the program picks the format")
     files = exporters.write(packing, outputs[0], program=program, overwrite=force, **options)
-    lines = exporters.opening(packing, files[0] if files[0].suffix else outputs[0], program, options)
+    own = {key: value for key, value in options.items() if key not in exporters.SHARED}
+    lines = exporters.opening(packing, files[0] if files[0].suffix else outputs[0], program, own)
     if json_:
         print_json({"files": [str(path) for path in files], "open": lines})
         return

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from grainsdem.model import Polyhedra
-from grainsdem.ragged import take_indices
+from grainsdem.ragged import offsets_from_counts, take_indices
 
 if TYPE_CHECKING:
-    import numpy as np
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
 
@@ -25,3 +28,24 @@ def select(polyhedra: Polyhedra, rows: NDArray[np.int64]) -> tuple[Polyhedra, ND
         corner_offsets,
     )
     return chosen, faces
+
+
+def replaced(polyhedra: Polyhedra, rows: NDArray[np.int64], others: Sequence[Polyhedra]) -> Polyhedra:
+    """Return the polyhedra, those of some rows replaced by others, together one for each row."""
+    if rows.size == 0:
+        return polyhedra
+    pool = (polyhedra, *others)
+    order = np.arange(len(polyhedra))
+    order[rows] = len(polyhedra) + np.arange(rows.size)
+
+    def offsets(name: str) -> NDArray[np.int64]:
+        return offsets_from_counts(np.concatenate([np.diff(getattr(part, name)) for part in pool]))
+
+    both = Polyhedra(
+        np.concatenate([part.vertices for part in pool]),
+        offsets("vertex_offsets"),
+        offsets("face_offsets"),
+        np.concatenate([part.face_vertices for part in pool]),
+        offsets("face_vertex_offsets"),
+    )
+    return select(both, order)[0]

@@ -1,5 +1,6 @@
 """Grains: carved from cells, shrunk to a porosity, moved, rescaled to a size, shuffled, and who touches whom."""
 
+from grainsdem.packing.blunting import Merged, merge_edges
 from grainsdem.packing.carve import carve, subset
 from grainsdem.packing.contacts import contacts, neighbor_contacts
 from grainsdem.packing.heal import Healed, heal
@@ -13,6 +14,7 @@ from grainsdem.packing.throats import jitter_throats, throat_widths
 __all__ = [
     "VOID_RELATIONS",
     "Healed",
+    "Merged",
     "SortingRelation",
     "VoidRelation",
     "carve",
@@ -22,6 +24,7 @@ __all__ = [
     "infill",
     "inset",
     "jitter_throats",
+    "merge_edges",
     "neighbor_contacts",
     "ratio_to",
     "rescale",

@@ -245,8 +245,11 @@ def _nrrd_header(lattice: Lattice, dtype: np.dtype[np.generic], data: str | None
     """Return the header of NRRD, with the name of the file that has the data where that is another."""
     sx, sy, sz = lattice.spacing.tolist()
     origin = ",".join(map(repr, (lattice.lower + 0.5 * lattice.spacing).tolist()))
+    meaning = "1 in grains, 0 elsewhere" if dtype == np.uint8 else "grain id + 1, 0 in the void, -1 outside the domain"
     lines = [
         "NRRD0004",
+        "# x fastest, then y, then z; the origin is the centre of the first voxel",
+        f"content: {meaning}",
         f"type: {dtype.name}",
         "dimension: 3",
         "space dimension: 3",

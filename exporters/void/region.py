@@ -18,8 +18,13 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-MARGIN = 0.1
-"""How far grains reach out of the flow domain before they are cut, in diameters: the cut is no wall of the flow."""
+REACH = 4.0
+"""How far outside the flow domain a grain may lie, in gaps, and still reach in: by its growth, or by a bridge."""
+
+CHOICES = "'core', 'bed', 'periodic' or the two corners of a box"
+
+BEYOND = 0.25
+"""How far grains reach over a periodic cell's faces before they are cut, in diameters: the mesh is not to see it."""
 
 PLENUM = 1.0
 """Free length before and behind a whole bed, in diameters: flow enters and leaves it evenly."""
@@ -36,12 +41,20 @@ class Region(NamedTuple):
         Whether it holds the whole bed, between its walls, rather than a part of its inside.
     planes : ndarray, shape (k, 4)
         Walls n · x <= d [m] inside the box, those of a cylinder or a hopper.
+    cyclic : tuple of bool, shape (3,)
+        Along which axes what leaves through a face comes in by the opposite one.
     """
 
     lower: Floats
     upper: Floats
     is_bed: bool
     planes: Floats
+    cyclic: tuple[bool, bool, bool] = (False, False, False)
+
+    def grown(self, margin: float) -> Region:
+        """Return the region larger by a margin [m] on both sides of its cyclic axes."""
+        beyond = margin * np.array(self.cyclic)
+        return self._replace(lower=self.lower - beyond, upper=self.upper + beyond)
 
     def moved(self, shift: Floats) -> Region:
         """Return the region moved by a vector [m], shape (3,)."""
@@ -64,17 +77,25 @@ def choose(packing: Packing, region: str | tuple[ArrayLike, ArrayLike], axis: in
         first, last = boxes(packing)
         lower[axis], upper[axis] = first[:, axis].min() - PLENUM * d, last[:, axis].max() + PLENUM * d
         if domain.periodic[axis]:
-            raise InputError("a bed that is periodic along the flow has no ends; give region='core' or a box")
+            raise InputError(
+                "a bed that is periodic along the flow has no ends; give region='periodic', 'core' or a box"
+            )
         return Region(*_mid_plane(domain, lower, upper), is_bed=True, planes=domain.planes)
+    if isinstance(region, str) and region == "periodic":
+        if not domain.periodic[axis]:
+            raise InputError(f"region='periodic' needs a bed that is periodic along the flow, {'xyz'[axis]}")
+        found = Region(*_mid_plane(domain, domain.lower, domain.upper), is_bed=True, planes=domain.planes)
+        x, y, z = domain.periodic.tolist()
+        return found._replace(cyclic=(x, y, z))
     if isinstance(region, str):
         if region != "core":
-            raise InputError(f"region must be 'core', 'bed' or the two corners of a box; got {region!r}")
+            raise InputError(f"region must be {CHOICES}; got {region!r}")
         lower, upper = _core(packing)
     else:
         try:
             lower, upper = (np.array(corner, dtype=np.float64).reshape(3) for corner in region)
         except (TypeError, ValueError) as error:
-            raise InputError(f"region must be 'core', 'bed' or the two corners of a box; got {region!r}") from error
+            raise InputError(f"region must be {CHOICES}; got {region!r}") from error
         # A millionth of the domain: corners that came from a file may be rounded.
         slack = 1e-6 * domain.lengths
         inside = (lower >= domain.lower - slack) & (upper <= domain.upper + slack)
@@ -86,10 +107,10 @@ def choose(packing: Packing, region: str | tuple[ArrayLike, ArrayLike], axis: in
     return Region(*_mid_plane(domain, lower, upper), is_bed=False, planes=np.empty((0, 4)))
 
 
-def gather(packing: Packing, region: Region, reach: float) -> Packing:
+def gather(packing: Packing, region: Region, reach: float) -> tuple[Packing, NDArray[np.int64]]:
     """Return the grains, periodic images included, whose boxes come nearer to the region than ``reach`` [m].
 
-    The result is a plain packing: its domain is a box around the grains, and nothing wraps.
+    The result is a plain packing: its domain is a box around the grains, and nothing wraps. With it come their numbers.
 
     Raises
     ------
@@ -112,7 +133,7 @@ def gather(packing: Packing, region: Region, reach: float) -> Packing:
         np.minimum((lower[chosen] + moved).min(axis=0), region.lower) - 10 * reach,
         np.maximum((upper[chosen] + moved).max(axis=0), region.upper) + 10 * reach,
     )
-    return Packing(
+    found = Packing(
         grains,
         packing.positions[chosen] + moved,
         packing.quaternions[chosen],
@@ -122,6 +143,7 @@ def gather(packing: Packing, region: Region, reach: float) -> Packing:
         frictions=packing.frictions_of(chosen),
         classes=packing.classes_of(chosen),
     )
+    return found, chosen
 
 
 def _core(packing: Packing) -> tuple[Floats, Floats]:

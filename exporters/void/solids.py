@@ -13,7 +13,7 @@ from grainsdem.packing import contacts, heal
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from exporters.openfoam.region import Region
+    from exporters.void.region import Region
     from grainsdem.model import ContactGraph, Packing
 
     Floats = NDArray[np.float64]
@@ -46,7 +46,7 @@ class Solids(NamedTuple):
     Parameters
     ----------
     bodies : list of Manifold
-        In the frame's units.
+        In the frame's units; one a grain, perhaps empty, where grains stay apart.
     growth : float
         Factor that grains were made larger by about their centroids.
     bridges : ndarray, shape (k, 2, 3)
@@ -117,12 +117,14 @@ def fused(bodies: list[Any]) -> list[Any]:
     return [manifold3d.Manifold.batch_boolean(bodies, manifold3d.OpType.Add)]
 
 
-def cut(bodies: list[Any], region: Region, margin: float, frame: Frame) -> list[Any]:
-    """Return what of the solids lies in a box grown by ``margin`` [m], each cut by the planes that cross it."""
-    lower = (region.lower - margin - frame.origin) / frame.length
-    upper = (region.upper + margin - frame.origin) / frame.length
+def cut(bodies: list[Any], region: Region, frame: Frame) -> list[Any]:
+    """Return what of the solids lies in a box, each cut by the planes that cross it."""
+    lower = (region.lower - frame.origin) / frame.length
+    upper = (region.upper - frame.origin) / frame.length
     kept = []
     for body in bodies:
+        if body.is_empty():
+            continue
         inside = body
         for axis in range(3):
             normal = np.zeros(3)
@@ -171,7 +173,7 @@ def _capped(bodies: list[Any], graph: ContactGraph, gap: float, frame: Frame) ->
         # What stays lies in the direction of the vector from the plane.
         bodies[i] = bodies[i].trim_by_plane((-normal).tolist(), half - height)
         bodies[j] = bodies[j].trim_by_plane(normal.tolist(), height + half)
-    return [body for body in bodies if not body.is_empty()]
+    return bodies
 
 
 def _bridged(bodies: list[Any], graph: ContactGraph, gap: float, frame: Frame) -> Solids:

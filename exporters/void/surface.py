@@ -13,8 +13,8 @@ from grainsdem.geometry.triangles import vector_areas
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from exporters.openfoam.region import Region
-    from exporters.openfoam.solids import Frame
+    from exporters.void.region import Region
+    from exporters.void.solids import Frame
 
     Floats = NDArray[np.float64]
     Singles = NDArray[np.float32]
