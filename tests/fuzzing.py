@@ -1,4 +1,4 @@
-"""Calls of every public function with arguments that it cannot take, from its own signature: a new name is covered.
+"""Calls of every public function and method with what it cannot take, from its own signature: a new name is covered.
 
 ``python tests/fuzzing.py`` tries them all and prints a table; with words, those whose names hold one of them.
 """
@@ -10,6 +10,7 @@ import contextlib
 import dataclasses
 import inspect
 import io
+import itertools
 import os
 import re
 import signal
@@ -99,15 +100,17 @@ BAD = {**KINDS, **NUMBERS, **ARRAYS}
 
 @cache
 def pool(folder):
-    """Return valid values by the name or the type of an argument; the folder is where paths lead."""
+    """Return valid values by the name or the type of an argument, nouns by theirs; the folder is where paths lead."""
     domain = gd.Domain.cube(3e-3)
     seeds = gd.points.poisson(domain, 27, rng=1)
     cells = gd.tessellate(seeds, domain)
     packing = gd.shrink(gd.carve(cells, keep="all"), porosity=0.4)
+    n = len(packing)
     graph = gd.contacts(packing, within=1e-4)
     bed = Path(folder) / "bed.h5"
     gd.save(packing, bed)
     recipe = gd.recipe.make(domain={"side": 3e-3}, seeds={"count": 8}, grains={"porosity": 0.4, "keep": "all"})
+    forms = gd.Forms(elongation=0.7)
     view = gd.planform(packing, per_diameter=4)
     voxels = gd.voxelize(packing, per_diameter=4)
     return {
@@ -173,7 +176,7 @@ def pool(folder):
         "roundness": 0.3,
         "stones": gd.pebble_count(view, packing, 10, rng=1),
         "gd.pebble_count.stones": 10,
-        "forms": gd.Forms(elongation=0.7),
+        "forms": forms,
         "pictures": [np.zeros((4, 4))],
         "layers": [gd.Layer(gd.Grading([1e-3, 2e-3], [0.0, 1.0]))],
         "gd.placed_cells.size": lambda x, *_: np.full(len(x), 1e-3),
@@ -197,6 +200,36 @@ def pool(folder):
         "ellipse": gd.Lens((1.0, 1.0, 1.0), (1.0, 1.0, 1.0)),
         "links": packing.links,
         "report": gd.validate(packing),
+        "unfolded": gd.unfold(np.linspace(1e-3, 2e-3, 80)),
+        "ensemble": gd.Ensemble((0, 1), (_outcome(), _outcome()), "batch"),
+        "Drawn": forms.draw(27, np.random.default_rng(1)),
+        "np.random.Generator": np.random.default_rng(1),
+        "other": gd.Grading([1e-3, 2e-3, 4e-3], [0.0, 0.5, 1.0]),
+        "others": (),
+        "percent": [16.0, 84.0],
+        "masses": np.ones(27),
+        "kept": np.ones(27, dtype=bool),
+        "found": np.zeros(27, dtype=int),
+        "shares": np.ones(1),
+        "ratios": np.full((27, 2), 0.7),
+        "units": np.full((27, 3), 0.5),
+        "r": [0.0, 0.5],
+        "picture": np.zeros((8, 8)),
+        "gd.CameraLens.inward.drawn": [0.0, 0.5],
+        "gd.SectionKernel.cdf.ratios": [0.5, 1.0],
+        "gd.Ensemble.curve.over": "time",
+        "gd.Ensemble.curve.of": "energy",
+        "gd.Packing": dataclasses.replace(packing, frictions=np.full(n, 0.5), classes=np.zeros(n, dtype=int)),
+        "gd.Forms": gd.Forms({"blade": 0.5, "rod": 0.5}),
+        "gd.Forms.dealt.shares": np.full(2, 0.5),
+        "gd.Grading.draw.n": 3,
+        "gd.recipe.Silent": gd.recipe.Silent(),
+        "gd.ContactGraph.select.rows": np.array([0, 1]),
+        "gd.Packing.classes_of.rows": np.array([0, 1]),
+        "gd.Packing.frictions_of.rows": np.array([0, 1]),
+        "gd.Polyhedra.vertices_of.i": 0,
+        "gd.Polyhedra.faces_of.i": 0,
+        "gd.Section.polygon.j": 0,
         "gd.recipe.varied.changes": {"seeds.count": 8},
         "gd.survey.means.table": gd.table(packing),
         "gd.widths.direction": [0.0, 0.0, 1.0],
@@ -213,8 +246,14 @@ def pool(folder):
     }
 
 
-def functions():
-    """Return every public function by the name that users call it by."""
+def _outcome():
+    """Return what an ensemble needs of a run."""
+    return types.SimpleNamespace(history={"time": np.arange(3.0), "energy": np.ones(3)})
+
+
+@cache
+def public():
+    """Return every public function and class by the name that users call it by."""
     found = {}
 
     def enter(module, prefix, depth):
@@ -223,29 +262,60 @@ def functions():
             if isinstance(value, types.ModuleType):
                 if depth < 2 and hasattr(value, "__all__"):
                     enter(value, f"{prefix}.{name}", depth + 1)
-            elif inspect.isfunction(value):
+            elif inspect.isfunction(value) or inspect.isclass(value):
                 found.setdefault(value, f"{prefix}.{name}")
 
     enter(gd, "gd", 0)
     enter(exporters, "exporters", 0)
-    return {name: function for function, name in found.items()}
+    return {name: value for value, name in found.items()}
+
+
+def functions():
+    """Return every public function by the name that users call it by."""
+    return {name: value for name, value in public().items() if inspect.isfunction(value)}
+
+
+def nouns():
+    """Return every public class by the name that users call it by, save errors and what users write themselves."""
+    return {
+        name: kind
+        for name, kind in public().items()
+        if inspect.isclass(kind) and not issubclass(kind, Exception) and not getattr(kind, "_is_protocol", False)
+    }
 
 
 def constructors():
-    """Return what makes public nouns: classes that are no errors, and their class methods."""
-    found = {}
-    for module, prefix in ((gd, "gd"), (gd.points, "gd.points"), (gd.survey, "gd.survey"), (gd.shapes, "gd.shapes")):
-        for name in module.__all__:
-            value = getattr(module, name)
-            if inspect.isclass(value) and not issubclass(value, Exception):
-                found.setdefault(value, f"{prefix}.{name}")
+    """Return what makes public nouns: their classes, and their class methods."""
     made = {}
-    for kind, name in found.items():
+    for name, kind in nouns().items():
         made[name] = kind
-        for method, _ in inspect.getmembers(kind, inspect.ismethod):
-            if not method.startswith("_"):
-                made[f"{name}.{method}"] = getattr(kind, method)
+        made |= {f"{name}.{method}": getattr(kind, method) for method in own(kind, classmethod)}
     return made
+
+
+def own(kind, sort):
+    """Yield the names of the public methods of a sort that a class has from this project, not from what it is built on.
+
+    Those without a docstring, and those of the classes below it that are not public, are nobody's but the project's.
+    """
+    for name in dir(kind):
+        holder = next((one for one in kind.__mro__ if name in vars(one)), object)
+        method = vars(holder).get(name)
+        is_ours = holder.__module__.partition(".")[0] in ("grainsdem", "exporters") and holder in nouns().values()
+        if not name.startswith("_") and is_ours and isinstance(method, sort) and inspect.getdoc(method):
+            yield name
+
+
+def methods(folder):
+    """Return the public methods of nouns that take something, of a right noun; None where the pool has no such noun."""
+    found = {}
+    for name, kind in nouns().items():
+        likely = pool(folder)
+        noun = likely.get(name, next((one for one in likely.values() if type(one) is kind), None))
+        for method in own(kind, types.FunctionType):
+            if len(inspect.signature(getattr(kind, method)).parameters) > 1:
+                found[f"{name}.{method}"] = None if noun is None else getattr(noun, method)
+    return found
 
 
 def valid(name, function, folder):
@@ -333,9 +403,12 @@ PATIENT = {"None", "true", "function", "class"}
 """Kinds that some of their arguments take."""
 
 
-def tried(folder, words, found=None):
-    """Yield the name, the argument, the value and what was wrong, or nothing, of every call."""
-    for name, function in (found or {**functions(), **constructors()}).items():
+def tried(folder, words, found=None, every=1):
+    """Yield the name, the argument, the value and what was wrong, or nothing, of every call, or of one of so many."""
+    number = itertools.count()
+    if found is None:
+        found = {**functions(), **constructors(), **methods(folder)}
+    for name, function in found.items():
         if words and not any(word in name for word in words):
             continue
         is_long = name in LONG or name.rpartition(".")[2] in LONG
@@ -343,8 +416,11 @@ def tried(folder, words, found=None):
         if inspect.isclass(function) and lacking(function, right):  # made by functions, by nobody else
             continue
         for argument in inspect.signature(function).parameters.values():
-            if argument.kind in (argument.VAR_KEYWORD, argument.VAR_POSITIONAL):
+            is_free = argument.kind is argument.VAR_KEYWORD
+            # Options that functions pass on have names, of which Python itself tells a wrong one.
+            if argument.kind is argument.VAR_POSITIONAL or (is_free and not inspect.ismethod(function)):
                 continue
+            key = "odd" if is_free else argument.name
             allowed = checks_of(function).get(argument.name, ("", None))[0]
             for word, value in (KINDS if is_long else BAD).items():
                 if is_long and (word in PATIENT or argument.name in ("max_hours", "max_time", "resume", "rng")):
@@ -354,7 +430,8 @@ def tried(folder, words, found=None):
                 # A function of the user's own may raise what it likes.
                 if word in ("function", "class") and any(name in str(argument.annotation) for name in OF_USERS):
                     continue
-                yield name, argument.name, word, outcome(function, {**right, argument.name: value})
+                if next(number) % every == 0:
+                    yield name, argument.name, word, outcome(function, {**right, key: value})
 
 
 FAULTS = {
@@ -401,7 +478,7 @@ def main():
     if hidden:
         print(f"left-over: {', '.join(hidden)}")  # noqa: T201
     print(f"{n} calls in {time.monotonic() - begun:.0f} s")  # noqa: T201
-    tell({"functions": row + collections.Counter({"tried": n, "left-over": len(hidden)})})
+    tell({"functions, constructors and methods": row + collections.Counter({"tried": n, "left-over": len(hidden)})})
 
 
 if __name__ == "__main__":

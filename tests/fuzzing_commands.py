@@ -388,7 +388,9 @@ def recipe_cases(words=()):
             continue
         for told, value in VALUES.items():
             # Who asks for an experiment as it is, or allows it so many hours, gets it.
-            if (name in experiment_tables() and told == "table") or (path[-1] == "max_hours" and told == "10000000"):
+            if (name in experiment_tables() and told == "table") or (
+                path[-1] == "max_hours" and told in ("1.5", "10000000")
+            ):
                 continue
             yield Case("run", name, told, ("run", recipe_text(path, value)))
     for key, values in SURVEY_VALUES.items():

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import inspect
-from typing import TYPE_CHECKING, Literal
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, Self
 
 import fuzzing
 import numpy as np
@@ -12,7 +13,7 @@ import pytest
 import grainsdem as gd
 from grainsdem.dynamics.experiments import registry
 from grainsdem.errors import ArgumentError, GrainsDEMError, InputError, ShapeError, shown
-from grainsdem.gate import checks_of, gated, shapes_of
+from grainsdem.gate import checks_of, gated, gated_noun, shapes_of
 from grainsdem.memory import allow_memory
 
 if TYPE_CHECKING:
@@ -153,9 +154,85 @@ def test_what_is_of_no_kind_that_a_function_takes_gets_one_line(name, folder, mo
 
 def test_odd_values_of_what_nouns_are_made_of_get_one_line(folder, monkeypatch):
     monkeypatch.chdir(folder)
-    tried = list(fuzzing.tried(folder, (), fuzzing.constructors()))
+    tried = list(fuzzing.tried(folder, (), fuzzing.constructors(), every=3))
     assert len({name for name, *_ in tried}) > 25
     assert [found for found in tried if found[-1]] == []
+
+
+def test_every_public_method_that_takes_something_has_the_door_and_is_tried(folder):
+    found = fuzzing.methods(folder)
+    assert {"gd.Domain.contains", "gd.Grading.draw", "gd.Polyhedra.faces_of", "gd.Packing.with_step"} <= set(found)
+    assert [name for name, method in found.items() if method is None] == []
+    for name, method in found.items():
+        assert hasattr(method, "__wrapped__"), name
+        parameters = inspect.signature(method).parameters.values()
+        unknown = {one.name for one in parameters if one.kind is not one.VAR_KEYWORD} - checks_of(method).keys()
+        assert unknown == set(), name
+        assert fuzzing.outcome(method, fuzzing.valid(name, method, folder)) is None
+
+
+def test_a_noun_holds_what_its_own_methods_take_from_the_day_it_is_made():
+    @gated_noun
+    @dataclass(frozen=True, slots=True)
+    class Box:
+        side: float
+
+        def within(self, points: ArrayLike) -> object:
+            """Return points, shape (n, 3)."""
+            return points
+
+        def held(self, point: float) -> float:  # for itself alone
+            return point
+
+        @classmethod
+        def of(cls, side: float) -> Self:
+            """Return one."""
+            return cls(side)
+
+    with pytest.raises(ArgumentError, match="side must be a number; got 'a'"):
+        Box.of("a")
+    with pytest.raises(ShapeError, match="points must be an array of numbers; got None"):
+        Box(1.0).within(None)
+    with pytest.raises(ShapeError, match=r"points must be .* of shape \(n, 3\); got shape \(2,\)"):
+        Box(1.0).within([1, 2])
+    assert np.shape(Box(1.0).within([])) == (0, 3)
+    assert Box(1.0).held("a") == "a"
+    assert Box.within.__doc__ == "Return points, shape (n, 3)."
+
+
+def test_odd_values_of_what_methods_take_get_one_line(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    tried = list(fuzzing.tried(folder, (), fuzzing.methods(folder)))
+    assert len({name for name, *_ in tried}) > 40
+    assert [found for found in tried if found[-1]] == []
+
+
+@pytest.mark.parametrize(
+    ("call", "told"),
+    [
+        (lambda p: p["packing"].grains.vertices_of(-1), "i must be one of 27, counted from 0; got -1"),
+        (lambda p: p["packing"].grains.faces_of(27), "i must be one of 27, counted from 0; got 27"),
+        (lambda p: p["gd.Packing"].classes_of(np.array([27])), "some of 27, counted from 0, or a mask of so many; got"),
+        (lambda p: p["ContactGraph"].select([0.5]), r"got float64 of shape \(1,\) from 0.5 to 0.5"),
+        (lambda p: p["packing"].with_step("x", a=object()), "JSON values; Object of type object"),
+        (lambda p: p["Domain"].scaled(0), "factor must be 1e-30 to 1e\\+30; got 0"),
+        (lambda p: p["metric"].forward([[np.inf, 0, 0]]), "points must be numbers within ±1e\\+30; 1 of 3 are not"),
+        (lambda p: p["lens"].nearest(np.zeros((3, 8))), r"the lens's shape, \(8, 8\); got \(3, 8\)"),
+        (lambda p: p["curve"].draw(9, power=2**62), "power must be 3, or 2 in a plane"),
+        (lambda p: p["curve"].draw(2**62), "grains would take .* GB"),
+        (lambda p: p["ensemble"].curve("time", "strain"), "the histories have time, energy; got 'strain'"),
+    ],
+)
+def test_methods_tell_what_is_out_of_their_range(folder, call, told):
+    with pytest.raises(InputError, match=told):
+        call(fuzzing.pool(folder))
+
+
+def test_laws_of_sizes_go_on_to_their_ends():
+    law = gd.LogHyperbolic(2.0, 0.5, 0.3, -7.0)
+    assert law.cdf([0.0, np.inf]).tolist() == [0.0, 1.0]
+    assert law.log_density([0.0, np.inf]).tolist() == [-np.inf, -np.inf]
+    assert np.isnan([law.cdf(np.nan), law.log_density(np.nan)]).all()
 
 
 def test_numbers_that_python_alone_holds_are_refused(folder):

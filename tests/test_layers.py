@@ -179,7 +179,7 @@ def test_a_recipe_has_lenses_and_layers_that_fine_upward():
         ([Layer(FINE, lens=Lens((0.5, 0.5, 0.5), (0.3, 0.3, 0.3)))], "a layer or more besides its lenses"),
         (
             [Layer(FINE), Layer(FINE, lens=Lens((5, 5, 5), (0.3, 0.3, 0.3)))],
-            r"lens 2 lies outside of the bed.*\[5, 5, 5\]",
+            r"lens 2 lies outside of the bed.*\[5.0, 5.0, 5.0\]",
         ),
         (
             [Layer(FINE), Layer(COARSE, lens=Lens((0.5, 0.5, 0.5), (0.3, 0.3, 0.01)))],
@@ -196,7 +196,7 @@ def test_lenses_that_cannot_be_had_are_refused(layers, words):
 def test_lenses_without_a_meaning_are_refused():
     with pytest.raises(InputError, match="half axes of a lens must be positive"):
         Lens((0, 0, 0), (1, 0, 1))
-    with pytest.raises(InputError, match="'ellipsoid' or a 'box'; got 'egg'"):
+    with pytest.raises(InputError, match="form must be 'ellipsoid' or 'box'; got 'egg'"):
         Lens((0, 0, 0), (1, 1, 1), "egg")
     with pytest.raises(InputError, match="a lens has one curve"):
         Layer(FINE, top=FINE, lens=Lens((0, 0, 0), (1, 1, 1)))

@@ -248,7 +248,7 @@ def test_odd_planes_are_refused(cube, tmp_path):
         with pytest.raises(InputError, match=match):
             section(cube, **options)
     for call, match in (
-        (lambda: section_profile(cube, 0), "one level at least; got 0"),
+        (lambda: section_profile(cube, 0), "from one to 100000 levels; got 0"),
         (lambda: section_profile(cube, axis="w"), "'x', 'y' or 'z'; got 'w'"),
         (lambda: section_profile(cube, [[1.0]]), r"shape \(m,\); got shape \(1, 1\)"),
         (lambda: section_profile(cube, [5.0]), "misses the domain"),

@@ -89,7 +89,7 @@ def test_planes_and_shapes_that_make_no_domain_are_refused():
         Domain(planes=[[1.0, 0.0, 0.0, 0.5], [0.0, 0.0, 0.0, 1.0]])
     with pytest.raises(InputError, match="parallel to every periodic axis; rows 0 are not"):
         Domain(periodic=[True, False, False], planes=[[1.0, 0.0, 0.0, 0.5]])
-    with pytest.raises(InputError, match="sides must be a multiple of 4, 8 or more; got 9"):
+    with pytest.raises(InputError, match="sides must be a multiple of 4, from 8 to 1024; got 9"):
         Domain.cylinder(1.0, 1.0, sides=9)
     with pytest.raises(InputError, match="wider at the top"):
         Domain.hopper(0.2, 0.3, 1.0)

@@ -16,8 +16,8 @@ import numpy as np
 from exporters.mjcf.log import quiet
 from grainsdem.atomic import working_in
 from grainsdem.dynamics.engine.lockstep import Lockstep, UnlikeError
-from grainsdem.errors import InputError, name_offenders
-from grainsdem.gate import gated
+from grainsdem.errors import InputError, name_offenders, shown
+from grainsdem.gate import gated, gated_noun
 from grainsdem.workers import check_workers, n_processors, share
 
 if TYPE_CHECKING:
@@ -39,10 +39,14 @@ CONFIDENCE = 0.95
 MOST_SEEDS = 10_000
 """Runs of an ensemble: intervals get no narrower that are worth the time."""
 
+MOST_POINTS = 1_000_000
+"""Places of a curve: no run has so many steps."""
+
 _OWN = "rng", "history_path", "resume", "progress"
 """Options of an experiment that the ensemble itself gives."""
 
 
+@gated_noun
 @dataclass(frozen=True, slots=True, eq=False)
 class Ensemble:
     """What one experiment with several seeds gave.
@@ -92,6 +96,12 @@ class Ensemble:
         -------
         x, means, half_widths : ndarray, shape (points,)
         """
+        if not 1 <= points <= MOST_POINTS:
+            raise InputError(f"points must lie from 1 to {MOST_POINTS}; got {points}")
+        known = [name for name in self.outcomes[0].history if all(name in one.history for one in self.outcomes)]
+        unknown = [name for name in (over, of) if name not in known]
+        if unknown:
+            raise InputError(f"the histories have {', '.join(known)}; got {', '.join(map(shown, unknown))}")
         pairs = [_second_stage(outcome.history, over, of) for outcome in self.outcomes]
         x = np.linspace(0.0, min(float(a.max()) for a, _ in pairs), points)
         rows = np.array([_on(x, a, b) for a, b in pairs])

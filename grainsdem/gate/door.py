@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Container
 
     from grainsdem.gate.kinds import Check
+    from grainsdem.gate.shapes import Shapes
 
     Function = TypeVar("Function", bound=Callable[..., Any])
     Kind = TypeVar("Kind", bound=type)
@@ -81,7 +82,7 @@ def gated(function: Function, *, leave: Container[str] = ()) -> Function:
             reason = unfit.args[0] if unfit.args else f"got {shown(kwargs.get(name, value))}"
         else:
             if shapes:
-                hold_shapes(shapes, {**dict(zip(names, given, strict=False)), **kwargs})
+                _shape(shapes, names, given, kwargs)
             return function(*given, **kwargs)
         kind = ShapeError if words[name].startswith("an array") else ArgumentError
         raise kind(f"{name} must be {words[name]}; {reason}")
@@ -89,10 +90,27 @@ def gated(function: Function, *, leave: Container[str] = ()) -> Function:
     return held  # type: ignore[return-value]  # it takes and returns what the function does
 
 
-def gated_noun(kind: Kind) -> Kind:
-    """Return a data class whose constructor holds what it is given against the types of its fields.
+def _shape(shapes: Shapes, names: list[str], given: list[Any], kwargs: dict[str, Any]) -> None:
+    """Hold arrays against their shapes, and put no rows in the place of each empty list that stands for them."""
+    for name, rows in hold_shapes(shapes, {**dict(zip(names, given, strict=False)), **kwargs}).items():
+        if name in kwargs:
+            kwargs[name] = rows
+        else:
+            given[names.index(name)] = rows
 
-    Shapes are its own business: they hang on one another in ways that a docstring cannot say.
+
+def gated_noun(kind: Kind) -> Kind:
+    """Return a data class of which the constructor and the public methods hold what they are given.
+
+    Shapes of fields are its own business: they hang on one another in ways that a docstring cannot say. Methods that
+    take nothing stay as they are, and so do those without a docstring, which are nobody's but the class's own.
     """
     kind.__init__ = gated(kind.__init__)  # type: ignore[misc]
+    for name, method in list(vars(kind).items()):
+        is_of_class = isinstance(method, classmethod)
+        function = method.__func__ if is_of_class else method
+        if name.startswith("_") or not inspect.isfunction(function) or not function.__doc__:
+            continue
+        if len(inspect.signature(function).parameters) > 1:
+            setattr(kind, name, classmethod(gated(function)) if is_of_class else gated(function))
     return kind

@@ -131,6 +131,13 @@ def _array(value: Any) -> Any:
     raise UnfitError(f"got {'complex numbers' if made.dtype.kind == 'c' else f'values of type {made.dtype}'}")
 
 
+def _whole_array(value: Any) -> Any:
+    made = _array(value)
+    if made.dtype.kind not in "iu" and made.size:
+        raise UnfitError(f"got values of type {made.dtype}")
+    return made.astype(np.int64) if made.dtype.kind == "f" else made
+
+
 def _table(value: Any) -> Any:
     if isinstance(value, np.ndarray) and value.dtype.names:
         return value
@@ -151,6 +158,9 @@ PLAIN: dict[str, Known] = {
     "Floats": ("an array of numbers", _array),
     **dict.fromkeys(("Ints", "Offsets", "NDArray[np.int64]", "NDArray[np.int32]"), ("an array of numbers", _array)),
     **dict.fromkeys(("NDArray[np.int8]", "NDArray[np.bool_]"), ("an array of numbers", _array)),
+    "NDArray[Any]": ("an array of numbers", _array),
+    "NDArray[np.integer[Any]]": ("an array of whole numbers", _whole_array),
+    "slice": ("a slice", _of(slice)),
     "Sequence": ("a sequence", sequence),
     "Mapping": ("a mapping", _of(Mapping)),
     "Callable": ("a function", _function),
@@ -159,6 +169,7 @@ PLAIN: dict[str, Known] = {
     "str or path-like, optional": ("a path or None", _or_none(_path)),
     "callable, optional": ("a function or None", _or_none(_function)),
     "NDArray[np.void]": ("a table with named columns", _table),
+    "np.random.Generator": ("a Generator", _of(np.random.Generator)),
     "rng": ("a Generator, a whole number of at least 0, or None", _seed),
 }
 """What types stand for, as signatures write them."""

@@ -21,6 +21,7 @@ NOUNS = {
     "ContactGraph": "ContactGraph",
     "Correlation": "Correlation",
     "Domain": "Domain",
+    "Drawn": "Drawn of Forms",
     "Forms": "Forms",
     "Grading": "Grading",
     "Grains": "Packing or its Polyhedra",

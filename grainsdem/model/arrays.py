@@ -42,6 +42,42 @@ def check_length(name: str, value: float, *, or_zero: bool = False) -> None:
         raise InputError(f"{name} must be {rule}{SHORTEST:g} to {LONGEST:g} m; got {value}")
 
 
+def check_factor(factor: float) -> None:
+    """Raise `InputError` unless what is scaled by a factor may still be of some size."""
+    if not SHORTEST <= factor <= LONGEST:
+        raise InputError(f"factor must be {SHORTEST:g} to {LONGEST:g}; got {factor}")
+
+
+def check_within(name: str, values: NDArray[Any]) -> None:
+    """Raise `InputError` where one of many values is no number that can be reckoned with, of either sign."""
+    if values.size and not -LONGEST <= values.min() <= values.max() <= LONGEST:
+        bad = np.flatnonzero(~(np.abs(values.ravel()) <= LONGEST))
+        raise InputError(f"{name} must be numbers within ±{LONGEST:g}; {bad.size} of {values.size} are not")
+
+
+def check_row(name: str, row: int, n: int) -> None:
+    """Raise `InputError` unless a number is that of one of n things."""
+    if not 0 <= row < n:
+        raise InputError(f"{name} must be one of {n}, counted from 0; got {row}")
+
+
+def check_rows(name: str, rows: Any, n: int) -> Any:
+    """Return what chooses among n things, by number, mask or slice, or raise `InputError` where there are no such."""
+    if isinstance(rows, slice):
+        return rows
+    chosen = rows.astype(np.int64) if rows.size == 0 else rows
+    is_mask = chosen.dtype == bool and chosen.shape == (n,)
+    is_number = chosen.dtype.kind in "iu" and chosen.ndim == 1
+    if not is_mask and not (is_number and (not chosen.size or (chosen.min() >= -n and chosen.max() < n))):
+        raise InputError(f"{name} must be some of {n}, counted from 0, or a mask of so many; got {_told(chosen)}")
+    return chosen
+
+
+def _told(values: NDArray[Any]) -> str:
+    ends = f" from {values.min()} to {values.max()}" if values.size and values.dtype.kind in "iuf" else ""
+    return f"{values.dtype} of shape {values.shape}{ends}"
+
+
 class Noun:
     """Rebuilds itself through its constructor, so that copies and pickles are checked and read-only again."""
 

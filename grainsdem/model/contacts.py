@@ -9,7 +9,7 @@ import numpy as np
 
 from grainsdem.errors import MissingPackageError, ShapeError
 from grainsdem.gate import gated_noun
-from grainsdem.model.arrays import Noun
+from grainsdem.model.arrays import Noun, check_rows
 
 if TYPE_CHECKING:
     import networkx as nx
@@ -107,7 +107,8 @@ class ContactGraph(Noun):
 
     def select(self, rows: NDArray[Any]) -> ContactGraph:
         """Return the graph of the chosen contacts, given by index or mask."""
-        arrays = {f.name: getattr(self, f.name)[rows] for f in fields(self) if f.name != "n_grains"}
+        chosen = check_rows("rows", rows, len(self))
+        arrays = {f.name: getattr(self, f.name)[chosen] for f in fields(self) if f.name != "n_grains"}
         return ContactGraph(self.n_grains, **arrays)
 
     def to_scipy(self) -> csr_array[Any, Any]:

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from grainsdem.errors import InputError, ShapeError, name_offenders
-from grainsdem.gate import gated, gated_noun
-from grainsdem.model.arrays import LONGEST, SHORTEST, Noun, check_length, read_only
+from grainsdem.gate import gated_noun
+from grainsdem.model.arrays import LONGEST, SHORTEST, Noun, check_factor, check_length, read_only
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -92,26 +92,22 @@ class Domain(Noun):
         object.__setattr__(self, "volume", volume)
 
     @classmethod
-    @gated
     def cube(cls, side: float = 1.0, *, periodic: bool = False) -> Self:
         """Return the cube from the origin to ``side`` [m] along each axis."""
         return cls.box((side, side, side), periodic=periodic)
 
     @classmethod
-    @gated
     def box(cls, lengths: ArrayLike, *, periodic: bool | tuple[bool, bool, bool] = False) -> Self:
         """Return the box from the origin to ``lengths`` [m], shape (3,)."""
         return cls(np.zeros(3), np.asarray(lengths, float), np.broadcast_to(np.asarray(periodic, bool), (3,)))
 
     @classmethod
-    @gated
     def slab(cls, lengths: ArrayLike, thickness: float, *, periodic: bool | tuple[bool, bool] = False) -> Self:
         """Return a planar domain: ``lengths`` [m], shape (2,), in x and y, and one grain's ``thickness`` [m] in z."""
         wraps = (*np.broadcast_to(np.asarray(periodic, bool), (2,)), False)
         return cls(np.zeros(3), np.append(np.asarray(lengths, float), thickness), np.asarray(wraps), is_planar=True)
 
     @classmethod
-    @gated
     def cylinder(cls, radius: float, height: float, *, sides: int = 32, periodic: bool = False) -> Self:
         """Return a cylinder of ``radius`` [m] about the z axis, from z = 0 to ``height`` [m], as an upright prism.
 
@@ -131,7 +127,6 @@ class Domain(Noun):
         return cls([-reach, -reach, 0.0], [reach, reach, height], [False, False, periodic], planes=planes)  # type: ignore[arg-type]
 
     @classmethod
-    @gated
     def hopper(cls, top: ArrayLike, bottom: ArrayLike, height: float) -> Self:
         """Return a funnel about the z axis: ``top`` and ``bottom`` are its lengths [m] in x and y, shape (2,)."""
         upper, lower = _pair("top", top), _pair("bottom", bottom)
@@ -194,6 +189,7 @@ class Domain(Noun):
 
     def scaled(self, factor: float) -> Self:
         """Return the domain scaled about the origin."""
+        check_factor(factor)
         planes = self.planes * np.array([1.0, 1.0, 1.0, factor])
         return type(self)(self.lower * factor, self.upper * factor, self.periodic, self.is_planar, planes)
 

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Literal, Protocol, Self, get_args
 import numpy as np
 
 from grainsdem.errors import InputError, ShapeError, name_offenders
-from grainsdem.gate import gated, gated_noun
+from grainsdem.gate import gated_noun
+from grainsdem.memory import A_SEED, allow_memory
 from grainsdem.model.arrays import Noun
 from grainsdem.roots import raised
 
@@ -107,7 +108,6 @@ class Grading(Noun):
             raise InputError(f"diameter must be 'equal-volume' or 'sieve'; got {self.diameter!r}")
 
     @classmethod
-    @gated
     def of(cls, distribution: Distribution, *, diameter: Diameter = "equal-volume", tail: float = TAIL) -> Self:
         """Return the curve of a distribution of sizes by mass, its tails cut.
 
@@ -179,6 +179,8 @@ class Grading(Noun):
         masses : ndarray, shape (n,)
             Their masses, in any unit.
         """
+        if not (np.isfinite(masses).all() and (masses >= 0).all() and masses.any()):
+            raise InputError("masses must be finite, zero or more, and not all zero")
         order = np.argsort(sizes, kind="stable")
         running = np.append(0.0, np.cumsum(masses[order]))
         passed = running[np.searchsorted(sizes[order], self.openings, side="left")] / running[-1]
@@ -212,6 +214,11 @@ class Grading(Noun):
         """
         if n < 1:
             raise InputError(f"the number of grains must be 1 or more; got {n}")
+        if power not in (2, 3):
+            raise InputError(f"power must be 3, or 2 in a plane; got {power}")
+        allow_memory(n, A_SEED, "grains")
+        if ratios is not None and not (ratios.shape == (n,) and np.isfinite(ratios).all() and (ratios > 0).all()):
+            raise InputError(f"ratios must be {n} finite numbers above zero, one a grain; got shape {ratios.shape}")
         shape = np.ones(n) if ratios is None else ratios
         mean = float((1 / raised(shape, power)).mean())
         classes = self._classes()

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from grainsdem.errors import InputError, ShapeError, name_offenders
+from grainsdem.errors import ArgumentError, InputError, ShapeError, name_offenders
 from grainsdem.gate import gated_noun
-from grainsdem.model.arrays import LONGEST, Noun
+from grainsdem.model.arrays import LONGEST, Noun, check_factor, check_rows
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -86,6 +86,7 @@ class CellLinks(Noun):
 
     def scaled(self, factor: float) -> CellLinks:
         """Return the links of the same cells scaled about the origin."""
+        check_factor(factor)
         return replace(
             self,
             cell_volumes=self.cell_volumes * factor**3,
@@ -171,13 +172,16 @@ class Packing(Noun):
 
     def frictions_of(self, rows: NDArray[np.integer[Any]] | slice) -> Floats | None:
         """Return the coefficients of friction of some grains, or None where grains have none of their own."""
-        return None if self.frictions is None else self.frictions[rows]
+        return None if self.frictions is None else self.frictions[check_rows("rows", rows, len(self))]
 
     def classes_of(self, rows: NDArray[np.integer[Any]] | slice) -> Ints | None:
         """Return the classes of some grains, or None where grains have none."""
-        return None if self.classes is None else self.classes[rows]
+        return None if self.classes is None else self.classes[check_rows("rows", rows, len(self))]
 
     def with_step(self, step: str, **options: Any) -> Packing:
         """Return the same packing with one more step in its provenance; options must be JSON values."""
-        line = json.dumps({"step": step, **options}, sort_keys=True)
+        try:
+            line = json.dumps({"step": step, **options}, sort_keys=True)
+        except (TypeError, ValueError, RecursionError) as error:
+            raise ArgumentError(f"options of a step must be JSON values; {error}") from None
         return replace(self, provenance=(*self.provenance, line))

@@ -10,7 +10,7 @@ import numpy as np
 
 from grainsdem.errors import InputError, ShapeError, name_offenders
 from grainsdem.gate import gated_noun
-from grainsdem.model.arrays import LONGEST, Noun
+from grainsdem.model.arrays import LONGEST, Noun, check_row
 from grainsdem.ragged import check_offsets
 
 if TYPE_CHECKING:
@@ -87,10 +87,12 @@ class Polyhedra(Noun):
 
     def vertices_of(self, i: int) -> Floats:
         """Return the vertices [m] of polyhedron ``i``, shape (k, 3)."""
+        check_row("i", i, len(self))
         return self.vertices[self.vertex_offsets[i] : self.vertex_offsets[i + 1]]
 
     def faces_of(self, i: int) -> list[Ints]:
         """Return the faces of polyhedron ``i`` as arrays of local vertex indices."""
+        check_row("i", i, len(self))
         first, last = self.face_offsets[i], self.face_offsets[i + 1]
         cuts = self.face_vertex_offsets[first : last + 1]
         return [self.face_vertices[a:b] for a, b in pairwise(cuts)]

@@ -29,6 +29,7 @@ class Monitor(Protocol):
 class Silent:
     """A monitor that tells nobody."""
 
+    @gated
     def stage(self, title: str) -> AbstractContextManager[Callable[[float, str], None]]:  # noqa: ARG002  (the protocol's)
         """Begin a stage that nobody hears of."""
         return nullcontext(lambda _fraction, _words: None)

@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, get_args
 
 import numpy as np
 
-from grainsdem.errors import InputError
+from grainsdem.errors import InputError, ShapeError
 from grainsdem.gate import gated_noun
 from grainsdem.geometry.rotations import random_quaternions, to_matrices
+from grainsdem.memory import allow_memory
 from grainsdem.tessellation.metric import frame_along
 from grainsdem.tessellation.sized import Law
 
@@ -58,6 +59,10 @@ _TERMS = 24
 
 _DIGITS = 9
 """Digits of a ratio, so that all processors agree on it."""
+
+
+A_FORM = 600
+"""Bytes that a grain takes while its form is drawn: three axes, two places, and copies."""
 
 
 class Drawn(NamedTuple):
@@ -149,12 +154,18 @@ class Forms:
 
     def draw(self, n: int, rng: np.random.Generator) -> Drawn:
         """Return what each of n grains is to be, in random order."""
+        if n < 0:
+            raise InputError(f"the number of grains must be zero or more; got {n}")
+        allow_memory(n, A_FORM, "forms")
         kinds = rng.permutation(np.repeat(np.arange(self.shares.size), _counts(self.shares, n)))
         places = np.column_stack([(rng.permutation(n) + 0.5) / n for _ in range(2)])
         return Drawn(kinds, places, self._axes(n, rng))
 
     def dealt(self, drawn: Drawn, kept: NDArray[np.bool_], shares: Floats) -> Drawn:
         """Return the same with kinds, by shares, and ratios of those that are kept as they should be; few change."""
+        self._hold(drawn, kept)
+        if not (shares.shape == self.shares.shape and np.isfinite(shares).all() and (shares >= 0).all()):
+            raise InputError(f"shares must be {self.shares.size} finite numbers, zero or more; got {shares.tolist()}")
         rows = np.flatnonzero(kept)
         kinds, places = drawn.kinds.copy(), drawn.places.copy()
         wanted = _counts(shares, rows.size)
@@ -171,6 +182,9 @@ class Forms:
 
     def swapped(self, drawn: Drawn, kept: NDArray[np.bool_], found: Ints) -> Drawn:
         """Return the same with kinds exchanged between kept grains of which each has what is asked of the other."""
+        self._hold(drawn, kept)
+        if found.shape != kept.shape:
+            raise ShapeError(f"found must have one value a grain: {kept.size}; got shape {found.shape}")
         kinds = drawn.kinds.copy()
         for one in range(self.shares.size):
             for other in range(one):
@@ -198,6 +212,13 @@ class Forms:
         code = 2 * (ratios[:, 0] > ZINGG_BOUND) + (ratios[:, 1] > ZINGG_BOUND)
         known = np.array([self.names.index(name) if name in self.names else -1 for name in CLASSES])
         return np.asarray(known[code])
+
+    def _hold(self, drawn: Drawn, kept: NDArray[np.bool_]) -> None:
+        """Raise `ShapeError` unless a mask is of as many grains as are drawn."""
+        if kept.dtype != bool or kept.shape != drawn.kinds.shape:
+            raise ShapeError(
+                f"kept must be a mask of {drawn.kinds.size} grains; got {kept.dtype} of shape {kept.shape}"
+            )
 
     def _axes(self, n: int, rng: np.random.Generator) -> Floats:
         if self.orientation == "uniform":

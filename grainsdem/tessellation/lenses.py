@@ -9,6 +9,7 @@ import numpy as np
 
 from grainsdem.errors import InputError
 from grainsdem.gate import gated_noun
+from grainsdem.model.arrays import check_within
 from grainsdem.tessellation.metric import frame_along
 
 if TYPE_CHECKING:
@@ -62,6 +63,7 @@ class Lens:
 
     def contains(self, points: Floats, domain: Domain) -> NDArray[np.bool_]:
         """Return which points [m], shape (n, 3), lie in the lens, or in one of its images where the domain wraps."""
+        check_within("points", points)
         away = points - np.array(self.center)
         step = np.where(domain.periodic, domain.lengths, 1.0)
         away = np.where(domain.periodic, away - step * np.rint(away / step), away)
@@ -72,7 +74,8 @@ class Lens:
         return np.asarray((shares * shares).sum(axis=1) <= 1)
 
     def places(self, units: Floats, domain: Domain) -> Floats:
-        """Return points [m] of the box around the lens, given as shares of it, shape (n, 3)."""
+        """Return points [m] of the box around the lens of which units, shape (n, 3), are the shares."""
+        check_within("units", units)
         arms = (2 * units - 1) * np.array(self.half_axes)
         axes = frame_along(self.trend, self.dip)
         found = np.column_stack([self.center[k] + sum(arms[:, m] * axes[m][k] for m in range(3)) for k in range(3)])
@@ -85,7 +88,7 @@ class Lens:
         return float(np.mean(self.is_own(self.places(units, domain), domain, others)) * 8 * np.prod(self.half_axes))
 
     def is_own(self, points: Floats, domain: Domain, others: tuple[Lens, ...]) -> NDArray[np.bool_]:
-        """Return which points lie in the lens and the domain, and in no lens that comes after."""
+        """Return which points [m], shape (n, 3), lie in the lens and the domain, and in no lens that comes after."""
         found = self.contains(points, domain) & domain.contains(points)
         for other in others:
             found &= ~other.contains(points, domain)

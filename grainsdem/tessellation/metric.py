@@ -23,7 +23,7 @@ from grainsdem.errors import ConvergenceError, InputError
 from grainsdem.gate import gated, gated_noun
 from grainsdem.geometry.forms.boxes import boxes_on_faces, rectangles
 from grainsdem.model import Domain, Polyhedra, Tessellation
-from grainsdem.model.arrays import Noun
+from grainsdem.model.arrays import Noun, check_within
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -68,7 +68,6 @@ class Metric(Noun):
             raise InputError(f"a metric's matrix is symmetric and of determinant 1; got {matrix.tolist()}")
 
     @classmethod
-    @gated
     def along(cls, ratios: tuple[float, float], *, trend: float = 0.0, dip: float = 0.0) -> Self:
         """Return the stretch by ratios b/a and c/b of a ball's image.
 
@@ -103,11 +102,13 @@ class Metric(Noun):
         return bool((self.matrix[~np.eye(3, dtype=bool)] == 0).all())
 
     def forward(self, points: Floats) -> Floats:
-        """Return where points of the stretched space lie, shape (n, 3)."""
+        """Return where points, shape (n, 3), of the stretched space lie."""
+        check_within("points", points)
         return _turned(self.matrix, points)
 
     def back(self, points: Floats) -> Floats:
-        """Return where points lie in the stretched space, shape (n, 3)."""
+        """Return where points, shape (n, 3), lie in the stretched space."""
+        check_within("points", points)
         return _turned(self._inverse(), points)
 
     def unstretched(self, domain: Domain) -> Domain:

@@ -17,6 +17,7 @@ import numpy as np
 
 from grainsdem.errors import InputError
 from grainsdem.gate import gated_noun
+from grainsdem.memory import A_SEED, allow_memory
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -103,12 +104,12 @@ class LogHyperbolic:
 
         d = np.asarray(sizes, dtype=np.float64)
         x = np.log(np.where(d > 0, d, 1.0))
-        y = x - self.mu
+        y = np.where(np.isinf(d), 0.0, x - self.mu)
         zeta = self.zeta
         height = np.log(self.gamma / (2 * self.alpha * self.delta * k1e(zeta)))
         # ζ - α √(δ² + y²) + β y, with the large terms taken together first
         found = height + (zeta - self.alpha * np.hypot(self.delta, y)) + self.beta * y - x
-        return np.asarray(np.where(d > 0, found, -np.inf))
+        return np.asarray(np.where(np.isnan(d), np.nan, np.where((d > 0) & np.isfinite(d), found, -np.inf)))
 
     def density(self, sizes: ArrayLike) -> Floats:
         """Return the density [1/m] at sizes [m], shape (...)."""
@@ -120,7 +121,8 @@ class LogHyperbolic:
 
     def tails(self, sizes: ArrayLike) -> tuple[Floats, Floats]:
         """Return the shares that are smaller and larger than each size [m], each exact in its own tail."""
-        d = np.asarray(sizes, dtype=np.float64)
+        given = np.asarray(sizes, dtype=np.float64)
+        d = np.where(np.isnan(given), 0.0, given)
         turn = np.arctanh(self.beta / self.alpha)
         low, high = span(self.zeta)
         edges = np.linspace(low, high, PANELS + 1)
@@ -135,7 +137,7 @@ class LogHyperbolic:
         part = _integral(edges[k], u, self.zeta, turn)
         smaller = np.where(u < high, np.clip((below[k] + part) / total, 0.0, 1.0), 1.0)
         larger = np.where(u < high, np.clip((above[k] - part) / total, 0.0, 1.0), 0.0)
-        return smaller, larger
+        return np.where(np.isnan(given), np.nan, smaller), np.where(np.isnan(given), np.nan, larger)
 
     def ppf(self, q: ArrayLike) -> Floats:
         """Return the size [m] that each share is smaller than, shape (...); by halving, to fifteen digits."""
@@ -156,6 +158,7 @@ class LogHyperbolic:
 
         if n < 0:
             raise InputError(f"the number of draws must be zero or more; got {n}")
+        allow_memory(n, A_SEED, "draws")
         generator = np.random.default_rng(rng)
         variance = geninvgauss.rvs(1.0, self.zeta, scale=self.delta / self.gamma, size=n, random_state=generator)
         logarithms = self.mu + self.beta * variance + np.sqrt(variance) * generator.standard_normal(n)

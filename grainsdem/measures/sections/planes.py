@@ -12,7 +12,7 @@ from grainsdem.gate import gated, gated_noun
 from grainsdem.geometry.clipping import box_planes
 from grainsdem.geometry.raster.copies import copies
 from grainsdem.geometry.raster.slicing import cut_polygons
-from grainsdem.model.arrays import Noun
+from grainsdem.model.arrays import Noun, check_row
 from grainsdem.ragged import check_offsets
 
 if TYPE_CHECKING:
@@ -75,6 +75,7 @@ class Section(Noun):
 
     def polygon(self, j: int) -> Floats:
         """Return the corners [m] of polygon ``j`` in the plane, shape (m, 2)."""
+        check_row("j", j, len(self))
         return self.points[self.offsets[j] : self.offsets[j + 1]]
 
     def world_points(self) -> Floats:

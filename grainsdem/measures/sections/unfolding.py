@@ -80,7 +80,6 @@ class SectionKernel:
         return cls(np.sqrt(1 - above[::-1] ** 2), 1.0)
 
     @classmethod
-    @gated
     def of(cls, packing: Packing, *, n_planes: int = 60, rng: np.random.Generator | int | None = 0) -> SectionKernel:
         """Return that of the grains of a bed, whatever their sizes, from planes at random.
 
@@ -126,6 +125,7 @@ class SectionKernel:
         return np.searchsorted(self.ratios, ratios) / self.ratios.size
 
 
+@gated_noun
 @dataclass(frozen=True, slots=True, eq=False)
 class Unfolded:
     """Sizes of grains, as their sections tell.

@@ -20,6 +20,7 @@ import numpy as np
 
 from grainsdem.errors import InputError
 from grainsdem.gate import gated_noun
+from grainsdem.model.arrays import check_within
 from grainsdem.roots import raised
 
 if TYPE_CHECKING:
@@ -75,8 +76,9 @@ class Grade:
         axis = self._axis(domain)
         if len(domain.planes):
             raise InputError("seeds are graded in boxes and slabs; the domain is cut by planes")
+        check_within("seeds", seeds)
         low, length = domain.lower[axis], domain.lengths[axis]
-        u = (seeds[:, axis] - low) / length
+        u = np.clip((seeds[:, axis] - low) / length, 0.0, 1.0)
         if self.ratio == 1:
             return seeds
         # Of u the share below, h = 1 + (r - 1) t the size at t.

@@ -16,17 +16,16 @@ from typing import TYPE_CHECKING, Literal, Self, get_args
 import numpy as np
 
 from grainsdem.errors import InputError, ShapeError
-from grainsdem.gate import gated, gated_noun
+from grainsdem.gate import gated_noun
 from grainsdem.measures.distributions.statistics import MILLIMETRE
 from grainsdem.model import Grading
 from grainsdem.model.arrays import Noun
+from grainsdem.model.grading import Diameter  # noqa: TC001  (the door reads it)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
-
-    from grainsdem.model.grading import Diameter
 
     Floats = NDArray[np.float64]
 
@@ -81,7 +80,6 @@ class SieveSheet(Noun):
             raise InputError(f"weights must be finite, zero or more, and not all zero; got {weights.tolist()}")
 
     @classmethod
-    @gated
     def from_passing(cls, openings: Sequence[float], passing: Sequence[float]) -> Self:
         """Return the sheet of percentages by mass that pass openings [m], in either order.
 
@@ -103,7 +101,6 @@ class SieveSheet(Noun):
         return cls(np.concatenate([[0.0], sizes, [np.inf]]), np.diff(np.concatenate([[0.0], percent, [100.0]])))
 
     @classmethod
-    @gated
     def from_retained(cls, openings: Sequence[float], retained: Sequence[float], *, pan: float = 0.0) -> Self:
         """Return the sheet of masses, in any unit, that stay on sieves with openings [m], in either order.
 

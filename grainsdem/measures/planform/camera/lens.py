@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from grainsdem.errors import InputError
-from grainsdem.gate import gated, gated_noun
+from grainsdem.errors import InputError, ShapeError
+from grainsdem.gate import gated_noun
+from grainsdem.model.arrays import check_within
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -61,7 +62,6 @@ class CameraLens:
             )
 
     @classmethod
-    @gated
     def of(cls, view: Planform, distortion: Sequence[float]) -> CameraLens:
         """Return the lens of a view with k1 and k2."""
         if len(distortion) != 2:
@@ -88,12 +88,14 @@ class CameraLens:
     def outward(self, r: ArrayLike) -> Floats:
         """Return where a lens draws what is at distances r, both in half diagonals."""
         distance = np.asarray(r, dtype=np.float64)
+        check_within("r", distance)
         w = distance * distance
         return np.asarray(distance * (1 + w * (self.k1 + w * self.k2)))
 
     def inward(self, drawn: ArrayLike) -> Floats:
         """Return how far from the middle is what is drawn at some distances: the inverse of `outward` up to r = 1."""
         target = np.asarray(drawn, dtype=np.float64)
+        check_within("drawn", target)
         low, high = np.zeros_like(target), np.ones_like(target)
         r = np.clip(target, 0.0, 1.0)
         for _ in range(64):  # Newton's steps double the digits; halving, where one leaves the bracket, adds a third
@@ -122,13 +124,15 @@ class CameraLens:
 
     def nearest(self, picture: NDArray[Any]) -> NDArray[Any]:
         """Return labels, depths or whatever cannot be mixed as the photograph shows it: that of the nearest pixel."""
+        self._hold(picture)
         if self.is_plain:
             return picture
         rows, columns = (np.rint(place).astype(np.int64) for place in self.places())
         return np.asarray(picture[np.clip(rows, 0, self.shape[0] - 1), np.clip(columns, 0, self.shape[1] - 1)])
 
     def drawn(self, picture: Floats) -> Floats:
-        """Return an image, shape (ny, nx) or (ny, nx, 3), as the photograph shows it: linear between pixels."""
+        """Return a picture, shape (ny, nx) or (ny, nx, 3), as the photograph shows it: linear between pixels."""
+        self._hold(picture)
         if self.is_plain:
             return picture
         from scipy.ndimage import map_coordinates  # noqa: PLC0415  (scipy.ndimage costs a tenth of a second)
@@ -137,6 +141,11 @@ class CameraLens:
         channels = picture[..., None] if picture.ndim == 2 else picture
         shown = [map_coordinates(channels[..., c], places, order=1, mode="nearest") for c in range(channels.shape[2])]
         return np.stack(shown, axis=-1).reshape(picture.shape)
+
+    def _hold(self, picture: NDArray[Any]) -> None:
+        """Raise `ShapeError` unless a picture is of the lens's shape."""
+        if picture.shape[:2] != tuple(self.shape):
+            raise ShapeError(f"picture must have the lens's shape, {tuple(self.shape)}; got {picture.shape}")
 
     def camera_matrix(self) -> list[list[float]]:
         """Return the matrix that photogrammetry has beside k1 and k2 [pixels], the middle of pixel (0, 0) at (0, 0)."""
