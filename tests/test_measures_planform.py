@@ -362,7 +362,7 @@ def test_odd_requests_are_refused(bed, seen, cube, tmp_path):
         ({"wet": "yes"}, "wet must be true or false; got 'yes'"),
         ({"colors": "kryptonite"}, "stones must be among quartz, .*; got kryptonite"),
         ({"colors": "quartz:much"}, "share is a number"),
-        ({"colors": [[0.5, 0.4, 1.2]]}, "reflectances above 0, at most 1"),
+        ({"colors": [[0.5, 0.4, 1.2, 1.0]]}, "reflectances above 0, at most 1"),
         ({"colors": {"quartz": 0}}, "shares must be zero or more"),
     ):
         with pytest.raises(InputError, match=match):
