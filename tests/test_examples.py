@@ -82,7 +82,7 @@ def commands():
     """Return the words of each command in the README's list, without `grainsdem`."""
     section = README.split("## From the command line")[1]
     lines = re.findall(r"^grainsdem (.*?)(?:\s*#.*)?$", section.split("```")[1], flags=re.MULTILINE)
-    assert len(lines) == 13
+    assert len(lines) == 14
     return [line.split() for line in lines]
 
 
