@@ -290,6 +290,15 @@ def test_a_region_without_grains_is_refused():
 
 
 @pytest.mark.unit
+def test_a_bed_without_a_core_is_refused_with_the_way_out():
+    few = cube_packing([[1.0, 1.0, 1.0], [3.0, 1.0, 1.0]])
+    with pytest.raises(
+        InputError, match=r"too small for a core.*; region='bed' takes all of it \(--option region=bed\)"
+    ):
+        case_of(few)
+
+
+@pytest.mark.unit
 def test_kozeny_and_carman_are_the_formula():
     assert openfoam.kozeny_carman(2.0, 0.5) == pytest.approx(4 * 0.125 / (180 * 0.25))
     for bad in ((0, 0.5), (1, 0), (1, 1)):

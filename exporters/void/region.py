@@ -146,6 +146,10 @@ def gather(packing: Packing, region: Region, reach: float) -> tuple[Packing, NDA
     return found, chosen
 
 
+WHOLE = "region='bed' takes all of it (--option region=bed)"
+"""What an error about a core says besides."""
+
+
 def _core(packing: Packing) -> tuple[Floats, Floats]:
     """Return the inside of a bed; of grains still in their cells, away from the hull of those that were kept."""
     domain = packing.domain
@@ -157,9 +161,12 @@ def _core(packing: Packing) -> tuple[Floats, Floats]:
         if domain.is_planar:
             first[2], last[2] = domain.lower[2], domain.upper[2]
         if (last - first < 0.999 * np.where(domain.is_planar, [d, d, 0], d)).any():
-            raise InputError("the bed is too small for a core: it must be three grains wide along each axis")
+            raise InputError(f"the bed is too small for a core: it must be three grains wide along each axis; {WHOLE}")
         return first, last
-    return core_box(packing)
+    try:
+        return core_box(packing)
+    except InputError as error:
+        raise InputError(f"{error}; {WHOLE}") from error
 
 
 def _mid_plane(domain: Domain, lower: Floats, upper: Floats) -> tuple[Floats, Floats]:
