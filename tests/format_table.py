@@ -40,7 +40,7 @@ PROGRAMS = {
     "LAMMPS": (["lmp", "-h"], r"Simulator - (\d+ \w+ \d+)"),
     "Yade": (["yade", "--version"], r"(\d[\w.]*)"),
     "Gazebo's parser": (["ign", "sdf", "--versions"], r"(\d[\d.]*)"),
-    "OpenFOAM": (["simpleFoam", "-help"], r"OpenFOAM-(\d+)|Version:? *v?(\d+)"),
+    "OpenFOAM": (["dpkg-query", "-W", "openfoam"], r"\t(\d+)"),
 }
 """Programs: how they are asked for their version, and where it stands in what they say."""
 

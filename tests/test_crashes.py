@@ -13,8 +13,13 @@ pytestmark = [pytest.mark.slow, pytest.mark.client]
 
 
 @pytest.mark.skipif(os.name == "nt", reason="there is no SIGKILL there")
-@pytest.mark.parametrize("stop", ["KILL", "TERM", "INT"])
-@pytest.mark.parametrize("name", ["save", "export", "survey", "images", "run", "settle", "tilt"])
+@pytest.mark.parametrize(
+    ("name", "stop"),
+    [
+        *((name, "KILL") for name in ("save", "export", "survey", "images", "run", "settle", "tilt")),
+        *((name, stop) for name in ("export", "settle") for stop in ("TERM", "INT")),
+    ],
+)
 def test_what_a_stopped_command_left_is_whole_or_absent_and_goes_on_to_the_same_bits(name, stop):
     # In a process of its own: one that has started threads cannot be forked.
     words = [sys.executable, str(Path(__file__).with_name("crashing.py")), "3", name, "--stop", stop]
