@@ -84,7 +84,7 @@ def whole(bed: Bed, options: MjcfOptions, name: str) -> Iterator[str]:
     """Yield the file as one, a stretch of grains at a time."""
     contact = settings(bed, options).contact
     bounds = world_bounds(bed.packing)
-    before, between, after = _document(
+    text = _document(
         bed,
         options,
         name,
@@ -92,12 +92,8 @@ def whole(bed: Bed, options: MjcfOptions, name: str) -> Iterator[str]:
         materials=wall_materials(bed) + grain_materials(bed),
         container=container(bed, options, bounds),
         mark=_MARK,
-    ).split(_MARK)
-    yield before
-    yield from shapes(bed)
-    yield between
-    yield from bodies(bed)
-    yield after
+    )
+    yield from _with_grains(bed, text)
 
 
 def including(bed: Bed, options: MjcfOptions, name: str, parts: Iterable[str]) -> str:
@@ -109,14 +105,8 @@ def including(bed: Bed, options: MjcfOptions, name: str, parts: Iterable[str]) -
 def grains_alone(bed: Bed, options: MjcfOptions) -> Iterator[str]:
     """Yield the file of the grains, which stands alone: classes, materials, meshes and bodies."""
     told = settings(bed, options)
-    before, between, after = _part(
-        bed, told.option, classes=_CLASSES % grain_class(bed, told.contact), materials=grain_materials(bed)
-    ).split(_MARK)
-    yield before
-    yield from shapes(bed)
-    yield between
-    yield from bodies(bed)
-    yield after
+    text = _part(bed, told.option, classes=_CLASSES % grain_class(bed, told.contact), materials=grain_materials(bed))
+    yield from _with_grains(bed, text)
 
 
 def walls_alone(bed: Bed, options: MjcfOptions) -> str:
@@ -129,6 +119,16 @@ def walls_alone(bed: Bed, options: MjcfOptions) -> str:
         bed, told.option, classes=_CLASSES % wall_class(bed, told.contact), materials=wall_materials(bed)
     ).split(_MARK)
     return f"{before}{between}{walls}{after}"
+
+
+def _with_grains(bed: Bed, text: str) -> Iterator[str]:
+    """Yield a text with shapes and bodies of the grains at its two marks, a stretch at a time."""
+    before, between, after = text.split(_MARK)
+    yield before
+    yield from shapes(bed)
+    yield between
+    yield from bodies(bed)
+    yield after
 
 
 def _part(bed: Bed, option: str, **filled: str) -> str:
